@@ -1,0 +1,54 @@
+"""Ground rules for every test: a ROS graph of its own, no display, nothing written into the home folder."""
+
+import fcntl
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+import hypothesis
+import pytest
+
+# Domains above 101 reach into the port range that Linux gives to anybody.
+_DOMAINS = range(1, 102)
+# Files with one of these words in their name bring nodes up; their tests run one by one.
+_GRAPH_WORDS = {"demo", "graph", "node", "nodes"}
+_held = None
+
+
+def _lease_domain():
+    """Holds a ROS domain that no other test process of this machine uses, by a lock that ends with this process."""
+    global _held
+    folder = Path(tempfile.gettempdir()) / "nermo_test_domains"
+    folder.mkdir(exist_ok=True)
+    for domain in _DOMAINS:
+        file = (folder / str(domain)).open("w")
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.close()
+            continue
+        _held = file
+        return domain
+    raise pytest.UsageError(
+        f"all ROS domains from {_DOMAINS.start} to {_DOMAINS.stop - 1} are taken by other test runs"
+    )
+
+
+def pytest_configure(config):
+    # A busy machine is no failure: no test asserts how long something takes.
+    hypothesis.settings.register_profile("nermo", deadline=None)
+    hypothesis.settings.load_profile("nermo")
+    # Helper modules of tests stand beside them.
+    sys.path.extend(map(str, sorted(Path(__file__).parent.glob("src/*/test"))))
+    os.environ["ROS_DOMAIN_ID"] = str(_lease_domain())
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ.setdefault("ROS_LOG_DIR", os.path.join(tempfile.gettempdir(), "nermo_test_logs"))
+    os.environ.setdefault("MUJOCO_GL", "egl")
+    os.environ.setdefault("MPLBACKEND", "Agg")
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if _GRAPH_WORDS & set(item.path.stem.split("_")):
+            item.add_marker(pytest.mark.ros)
