@@ -1,0 +1,28 @@
+"""The kinds of topics: commands, questions and answers, latched parameters, sensors, transforms."""
+
+from __future__ import annotations
+
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+COMMAND = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+"""Commands, for both sides: reliable, and only the newest counts."""
+
+EVENT = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+"""Questions and answers between nodes, for both sides: each counts."""
+
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Parameters, for both sides: who comes late gets the last one."""
+
+SENSOR = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+"""Sensor data, for the publisher: reliable, so that whoever needs every sample can have it."""
+
+BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Sensor data, for the subscriber: an old sample is not worth sending again."""
+
+TRANSFORM = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+"""The topic /tf, as tf2 has it."""
+
+
+def sensor_input(lockstep: bool) -> QoSProfile:
+    """How a node reads sensor data: in lockstep nothing may be lost, otherwise the next sample comes soon."""
+    return SENSOR if lockstep else BEST_EFFORT
