@@ -1,0 +1,1 @@
+"""Kinematics of the legs: two servos to a foot position and back."""

@@ -1,0 +1,1 @@
+"""The compliant spine: kinematics, tendon, and what its flexion is used for (N 5.2)."""
