@@ -1,0 +1,377 @@
+"""The words `experiment` and `bench` of the `nermo` command."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from nermo_description.results import CommandError, write_results
+
+# Files and pipes have no width; the tables need one.
+_console = Console(width=None if sys.stdout.isatty() else 180)
+
+Robot = Annotated[str, typer.Option(help="Name of a robot, or path of its parameter file.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
+Quick = Annotated[bool, typer.Option("--quick", help="Shorter and coarser, to see whether it works.")]
+Json = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
+Workers = Annotated[int | None, typer.Option(min=1, help="Processes; one a processor by default.")]
+Repeats = Annotated[int | None, typer.Option(min=1, help="Runs a row; 3, or 1 with --quick.")]
+Out = Annotated[
+    Path, typer.Option(help="Folder for finished runs, pictures and the report; each experiment has one in it.")
+]
+RESULTS = Path("results")
+
+_COLUMNS = {
+    "straight-line": (
+        *("gait", "frequency_hz", "stride_m", "spine", "offset_compensation", "speed_m_s", "speed_sd_m_s"),
+        *("thesis_m_s", "theory_m_s", "roll_sd_deg", "pitch_sd_deg", "yaw_sd_deg", "fell"),
+    ),
+    "turning": (
+        *("gait", "frequency_hz", "strategy", "path_radius_m", "time_s", "thesis_s", "radius_m", "thesis_radius_m"),
+        *("theory_radius_m", "followed"),
+    ),
+    "balance": ("leg", "compensation", "passed", "thesis_passed", "foot_forces_n", "pitch_deg"),
+    "maze": (
+        *("spine", "time_s", "thesis_time_s", "speed_m_s", "thesis_speed_m_s", "pitch_sd_deg", "roll_sd_deg"),
+        "finished",
+    ),
+    "theory against twin": (
+        *(
+            "gait",
+            "frequency_hz",
+            "stride_m",
+            "spine",
+            "offset_compensation",
+            "theory_m_s",
+            "steering_m_s",
+            "spine_m_s",
+            "legs_m_s",
+        ),
+        *("pitch_m_s", "yaw_m_s", "slip_m_s", "contact_m_s", "reached_m_s"),
+    ),
+    "ablation": ("off", "speed_m_s", "roll_sd_deg", "pitch_sd_deg", "radius_m", "arc_time_s", "lifts_passed"),
+    "comparison": ("quantity", "theory", "twin", "robot", "ours", "ratio"),
+    "summary": ("claim", "thesis", "ours", "ratio", "band", "within"),
+}
+
+experiment_app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    add_completion=False,
+    help="Run an experiment of the thesis; its table stands beside ours.",
+)
+
+
+@experiment_app.callback()
+def experiment() -> None:
+    """Run an experiment of the thesis; its table stands beside ours."""
+
+
+@experiment_app.command("straight-line")
+def straight_line(
+    robot: Robot = "nermo_lite",
+    seed: Seed = 0,
+    quick: Quick = False,
+    out: Out = RESULTS,
+    json: Json = None,
+    workers: Workers = None,
+    repeats: Repeats = None,
+    video: Annotated[bool, typer.Option(help="Also draw a video of the trot at 0.8 Hz.")] = True,
+) -> None:
+    """Speed and orientation noise by gait, frequency, stride length and spine (N 6.1.3, 6.2.1).
+
+    A run that was stopped goes on where it was. Exit status 1 if the mouse fell.
+
+    \b
+    nermo experiment straight-line
+    nermo experiment straight-line --quick --json straight.json
+    nermo experiment straight-line --robot nermo --seed 7 --out /tmp/nermo
+    """
+    settings = _settings(robot, seed, quick, repeats)
+    facts = _run("straight-line", settings, out, workers)
+    pictures = _straight_line_pictures(settings, facts["rows"], out / "straight-line", video)
+    _write(json, "straight-line", {**facts, "pictures": pictures}, settings)
+    if any(row["fell"] for row in facts["rows"]):
+        raise CommandError("the mouse fell: see the column `fell`")
+
+
+@experiment_app.command("turning")
+def turning(
+    robot: Robot = "nermo_lite",
+    seed: Seed = 0,
+    quick: Quick = False,
+    out: Out = RESULTS,
+    json: Json = None,
+    workers: Workers = None,
+    repeats: Repeats = None,
+) -> None:
+    """Time on arcs of 1.0 and 0.5 m, and the smallest radius, by gait, frequency and strategy (N 6.1.4, 6.2.2).
+
+    An arc that cannot be followed is a result (`followed`), not a failure.
+
+    \b
+    nermo experiment turning
+    nermo experiment turning --quick --json turning.json
+    """
+    settings = _settings(robot, seed, quick, repeats)
+    _write(json, "turning", _run("turning", settings, out, workers), settings)
+
+
+@experiment_app.command("balance")
+def balance(
+    robot: Robot = "nermo_lite",
+    seed: Seed = 0,
+    quick: Quick = False,
+    out: Out = RESULTS,
+    json: Json = None,
+    workers: Workers = None,
+    repeats: Repeats = None,
+) -> None:
+    """Each leg lifted and swept, with and without balance compensation (N 6.1.5, 6.2.3).
+
+    Also finds the interval of the fore-aft COM over which the table comes out as the thesis's.
+
+    \b
+    nermo experiment balance
+    nermo experiment balance --json balance.json
+    """
+    settings = _settings(robot, seed, quick, repeats)
+    facts = _run("balance", settings, out, workers)
+    _console.print(f"front COM from {_cell(facts['com_interval_m'])} m ahead of base_link: the table holds")
+    _write(json, "balance", facts, settings)
+
+
+@experiment_app.command("maze")
+def maze(
+    robot: Robot = "nermo_lite",
+    seed: Seed = 0,
+    quick: Quick = False,
+    out: Out = RESULTS,
+    json: Json = None,
+    workers: Workers = None,
+    repeats: Repeats = None,
+) -> None:
+    """A path of 5 m through a maze, without the spine and with all of its functions (N 6.1.6, 6.2.4).
+
+    Exit status 1 if the mouse did not come out.
+
+    \b
+    nermo experiment maze
+    nermo experiment maze --quick --json maze.json
+    """
+    settings = _settings(robot, seed, quick, repeats)
+    facts = _run("maze", settings, out, workers)
+    _write(json, "maze", facts, settings)
+    if not all(row["finished"] for row in facts["rows"]):
+        raise CommandError("the mouse did not come out of the maze: see the column `ended` of the JSON file")
+
+
+@experiment_app.command("all")
+def run_all(
+    robot: Robot = "nermo_lite",
+    seed: Seed = 0,
+    quick: Quick = False,
+    out: Out = RESULTS,
+    json: Json = None,
+    workers: Workers = None,
+    repeats: Repeats = None,
+) -> None:
+    """All experiments, every claim of the thesis's chapter 6 beside ours, and one HTML report.
+
+    What was already run goes in as it is; a run that was stopped goes on where it was. A claim that does not hold is
+    a result, not a failure.
+
+    \b
+    nermo experiment all --json out.json
+    nermo experiment all --quick --out /tmp/quick
+    """
+    import time
+
+    from nermo_sim.experiments import suite
+    from nermo_sim.report.html import write_report
+
+    settings = _settings(robot, seed, quick, repeats)
+    begin = time.monotonic()
+    facts = suite.run_all(settings, out, workers, _progress)
+    for title, rows in (
+        ("theory against twin", facts["theory_against_twin"]["rows"]),
+        ("ablation", facts["ablation"]["rows"]),
+        ("comparison", facts["comparison"]["rows"]),
+        ("summary", facts["summary"]),
+    ):
+        _print_rows(title, rows, _COLUMNS[title])
+    holding = sum(row["within"] for row in facts["summary"])
+    report = write_report(out / "report.html", facts, settings)
+    facts = {**facts, "report": report, "wall_s": time.monotonic() - begin}
+    _console.print(f"{holding} of {len(facts['summary'])} claims within their bands; report: {report}")
+    _write(json, "all", facts, settings)
+
+
+def _settings(robot: str, seed: int, quick: bool, repeats: int | None) -> Any:
+    from nermo_sim.experiments.runs import REPEATS, Settings
+
+    _check_robot(robot)
+    if quick:
+        return Settings(robot, distance=0.5, repeats=repeats or 1, seed=seed, quick=True)
+    return Settings(robot, repeats=repeats or REPEATS, seed=seed)
+
+
+def _run(name: str, settings: Any, out: Path, workers: int | None) -> dict[str, Any]:
+    """Runs one experiment and prints its table."""
+    from nermo_sim.experiments import suite
+
+    with _progress(name) as progress:
+        facts = suite.run_experiment(name, settings, out / name, workers, progress)
+    title = f"{name}, {settings.repeats} x each, {settings.robot}, seed {settings.seed}"
+    _print_rows(title, facts["rows"], _COLUMNS[name])
+    return facts
+
+
+def _write(json: Path | None, name: str, facts: dict[str, Any], settings: Any) -> None:
+    if json is not None:
+        write_results(json, name, facts, robot=settings.robot, seed=settings.seed)
+
+
+def _straight_line_pictures(settings: Any, rows: list[dict[str, Any]], out: Path, video: bool) -> list[Path]:
+    from nermo_sim.experiments import straight_line as experiment
+    from nermo_sim.experiments.runs import Job
+    from nermo_sim.plots import plot_run, plot_speeds
+
+    out.mkdir(parents=True, exist_ok=True)
+    pictures = [out / "speed.png", out / "trot.png"]
+    plot_speeds(rows, pictures[0])
+    case = experiment.Case("trot", 0.8, experiment.STRIDE)
+    recording, twin = experiment.walk(Job(case, 0, settings))
+    plot_run(recording, pictures[1], case.key)
+    if video:
+        from nermo_sim.render import RenderingUnavailableError, save_video
+
+        try:
+            save_video(out / "trot.mp4", twin.model, recording.part(0.0, 10.0))
+            pictures.append(out / "trot.mp4")
+        except RenderingUnavailableError as error:
+            _console.print(f"no video: {error}")
+    _console.print(f"pictures: {', '.join(map(str, pictures))}")
+    return pictures
+
+
+bench_app = typer.Typer(
+    rich_markup_mode=None,
+    add_completion=False,
+    subcommand_metavar="",
+    context_settings={"allow_interspersed_args": True},
+    help="Measure: the control tick, the in-process loop, the ROS graph.",
+)
+BENCHES = ("tick", "loop", "graph", "sensors")
+
+
+@bench_app.callback(invoke_without_command=True)
+def bench(
+    what: Annotated[list[str] | None, typer.Argument(help="tick, loop, graph, sensors; all by default.")] = None,
+    robot: Robot = "nermo_lite",
+    quick: Quick = False,
+    json: Json = None,
+) -> None:
+    """Measure: the control tick, the in-process loop, the ROS graph.
+
+    \b
+    nermo bench
+    nermo bench tick loop
+    nermo bench graph --json graph.json
+    """
+    _check_robot(robot)
+    names = BENCHES if not what or "all" in what else tuple(what)
+    facts: dict[str, Any] = {}
+    for name in names:
+        with _console.status(f"measuring: {name}"):
+            facts[name] = run_bench(name, robot, quick)
+        _print_facts(name, facts[name])
+    if json is not None:
+        write_results(
+            json, "bench", {key: value for part in facts.values() for key, value in part.items()}, robot=robot
+        )
+
+
+def run_bench(name: str, robot: str = "nermo_lite", quick: bool = False) -> dict[str, Any]:
+    """Runs one measurement.
+
+    Raises CommandError with status 2 for an unknown name.
+    """
+    from nermo_sim.bench import BenchSettings, bench_loop, bench_tick
+
+    settings = BenchSettings(robot, duration=4.0 if quick else 20.0)
+    if name == "tick":
+        return bench_tick(settings)
+    if name == "loop":
+        return bench_loop(settings)
+    if name == "graph":
+        from nermo_sim.bench_graph import bench_graph
+
+        return bench_graph(robot, duration=5.0 if quick else 20.0)
+    if name == "sensors":
+        from nermo_sensors.bench.command import bench_sensors
+
+        return bench_sensors(quick=quick, pictures=Path("results/sensors"))
+    raise CommandError(f"bench {name!r} is unknown: choose among {', '.join(BENCHES)} and all", status=2)
+
+
+def _check_robot(robot: str) -> None:
+    from nermo_description.robots import ParameterError, load_robot
+
+    try:
+        load_robot(robot)
+    except ParameterError as error:
+        raise CommandError(str(error), status=2) from error
+
+
+@contextlib.contextmanager
+def _progress(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar on a terminal, a line for each finished tenth elsewhere."""
+    if not _console.is_terminal:
+        yield (
+            lambda done, total: (
+                _console.print(f"{what}: {done} of {total}") if done % max(1, total // 10) == 0 else None
+            )
+        )
+        return
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=_console) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _print_rows(title: str, rows: list[dict[str, Any]], columns: Sequence[str]) -> None:
+    table = Table(title=title)
+    for name in columns:
+        table.add_column(name.replace("_", " "), justify="left" if isinstance(rows[0][name], str) else "right")
+    for row in rows:
+        table.add_row(*(_cell(row[name]) for name in columns))
+    _console.print(table)
+
+
+def _print_facts(title: str, facts: dict[str, Any], indent: str = "  ") -> None:
+    _console.print(title, style="bold", highlight=False)
+    for name, value in facts.items():
+        if isinstance(value, dict):
+            inner = ", ".join(f"{key} {_cell(item)}" for key, item in value.items())
+            _console.print(f"{indent}{name}: {inner}", highlight=False)
+        else:
+            _console.print(f"{indent}{name}: {_cell(value)}", highlight=False)
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return " ".join(map(_cell, value))
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

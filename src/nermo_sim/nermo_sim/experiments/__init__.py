@@ -1,0 +1,1 @@
+"""The experiments of N chapter 6, in process."""

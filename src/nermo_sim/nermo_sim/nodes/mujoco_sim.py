@@ -1,0 +1,362 @@
+"""The twin as a ROS node: servo commands in; clock, sensor data and ground truth out. It is the graph's clock."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.task import Future
+from std_srvs.srv import SetBool
+
+from nermo_description.robots import load_robot
+from nermo_interfaces.msg import ServoCommand
+from nermo_interfaces.srv import PushRobot, ResetSimulation, StepSimulation
+from nermo_node import qos
+from nermo_node.diagnostics import ERROR, OK, WARN, Diagnostics, Status
+from nermo_node.parameters import declare
+from nermo_node.run import run
+from nermo_node.time import to_message, to_nanoseconds
+from nermo_sim.divergence import SimulationDivergedError
+from nermo_sim.nodes.sensor_publishers import SensorPublishers
+from nermo_sim.nodes.views import open_views
+from nermo_sim.pacing import Latency, Pacer
+from nermo_sim.sensor_data import SensorData, SensorNoise
+from nermo_sim.servo_command import RefusedCommandError, ServoCommandDoor
+from nermo_sim.twin import CommandState, Silence, Twin
+
+REPEAT_AFTER = 0.25
+"""In stepped mode, a tick that nobody has answered for so long [s] is published again: a node may have come late."""
+
+BUSY_NS = 20_000_000
+"""As fast as possible still means to listen to the graph every so often."""
+REMEMBERED_TICKS = 400
+LARGEST_STEP = 1_000_000
+
+
+def _rate(default: float, what: str) -> float:
+    return Field(default, gt=0.0, le=1000.0, description=f"Rate of {what}", json_schema_extra={"unit": "Hz"})
+
+
+class SimParameters(BaseModel):
+    """Parameters of the node."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    robot: str = Field("nermo_lite", description="Name of the robot, or path of its parameter file")
+    scene: str = Field("flat", description="Name of the scene")
+    keyframe: str = Field("stand", description="Posture in which the robot begins")
+    control_rate: float = _rate(200.0, "the control ticks; a whole number of physics steps each")
+    real_time_factor: float = Field(
+        1.0, ge=0.0, le=100.0, description="Simulated time over wall time; 0 is as fast as possible"
+    )
+    stepped: bool = Field(False, description="Publish a tick and wait for the servo command that answers it")
+    publish_clock: bool = Field(True, description="Be the /clock; only one node of a graph may")
+    frame_prefix: str = Field("", description="In front of every frame name, as in mouse_1/")
+    seed: int = Field(0, ge=0, description="Seed of the sensor noise")
+    sensor_noise: float = Field(
+        0.0, ge=0.0, le=100.0, description="Sensor noise relative to a typical one; 0 is none, 1 is typical"
+    )
+    imu_rate: float = _rate(200.0, "imu/data_raw")
+    joint_rate: float = _rate(50.0, "joint_states")
+    tactile_rate: float = _rate(200.0, "tactile")
+    foot_force_rate: float = _rate(50.0, "truth/foot_forces")
+    battery_rate: float = _rate(1.0, "battery")
+    camera_rate: float = Field(
+        0.0,
+        ge=0.0,
+        le=60.0,
+        description="Rate of the head cameras' pictures; 0 is off",
+        json_schema_extra={"unit": "Hz"},
+    )
+    viewer: bool = Field(False, description="Open MuJoCo's window; needs a display")
+    dump_folder: str = Field("", description="Where model and states go when the simulation diverges; empty: /tmp")
+
+    @model_validator(mode="after")
+    def _rates_divide(self) -> SimParameters:
+        for name in ("imu_rate", "joint_rate", "tactile_rate", "foot_force_rate", "battery_rate"):
+            ratio = self.control_rate / getattr(self, name)
+            if ratio < 1.0 or abs(ratio - round(ratio)) > 1e-6:
+                raise ValueError(
+                    f"{name} = {getattr(self, name)} Hz: must divide control_rate = {self.control_rate} Hz"
+                )
+        return self
+
+    def rates(self) -> dict[str, float]:
+        """Rate of each topic [Hz]; the controller's tick needs servo states and odometry each time."""
+        return {
+            "servo_states": self.control_rate,
+            "truth/odom": self.control_rate,
+            "imu/data_raw": self.imu_rate,
+            "joint_states": self.joint_rate,
+            "tactile": self.tactile_rate,
+            "truth/foot_forces": self.foot_force_rate,
+            "battery": self.battery_rate,
+        }
+
+
+TYPICAL_NOISE = {
+    "servo_position": 0.002,
+    "servo_velocity": 0.05,
+    "servo_torque": 0.002,
+    "orientation": 0.002,
+    "angular_velocity": 0.01,
+    "linear_acceleration": 0.1,
+    "foot_force": 0.02,
+    "knee_encoder": 0.005,
+}
+"""Deviations of `SensorNoise` at sensor_noise = 1: a 12-bit potentiometer, a consumer IMU, a printed force cell."""
+
+
+class MujocoSim(Node):
+    """Steps the twin: at its pace, or in stepped mode whenever a tick has been answered."""
+
+    def __init__(self) -> None:
+        super().__init__("mujoco_sim")
+        self._settings = parameters = declare(self, SimParameters)
+        noise = None
+        if parameters.sensor_noise > 0.0:
+            noise = SensorNoise(**{name: parameters.sensor_noise * value for name, value in TYPICAL_NOISE.items()})
+        self._silence = Silence()
+        self._twin = Twin(
+            load_robot(parameters.robot),
+            parameters.scene,
+            period_ns=round(1e9 / parameters.control_rate),
+            noise=noise,
+            seed=parameters.seed,
+            silence=self._silence,
+            dump_folder=Path(parameters.dump_folder) if parameters.dump_folder else None,
+        )
+        self._follows_clock = not parameters.publish_clock
+        self._sensors: SensorData = self._twin.reset(parameters.keyframe)
+        self._keyframe = parameters.keyframe
+        self._outputs = SensorPublishers(
+            self, self._twin, parameters.frame_prefix, parameters.rates(), parameters.publish_clock
+        )
+        self._pacer = Pacer(self._twin.period_ns, parameters.real_time_factor)
+        self._door = ServoCommandDoor(self._twin.layout.servos, self._silence.hold_after)
+        self._paused = False
+        self._steps_left = 0
+        self._step_done: Future | None = None
+        self._pending: list[float] | None = None
+        self._published_at: dict[int, int] = {}
+        self._tick_wall = 0
+
+        self._age = Latency()
+        self._missed = self._ticks = self._refused = 0
+        self._refused_before = 0
+        self._last_refusal = ""
+        self._rate_from = (time.monotonic_ns(), self._twin.time_ns)
+        self._wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self._views = open_views(self, self._twin, parameters.viewer, parameters.camera_rate, parameters.frame_prefix)
+        self._diagnostics = Diagnostics(
+            self, hardware_id=f"{self._twin.robot.name} twin", parts={"twin": self._diagnose}
+        )
+
+        self.create_subscription(ServoCommand, "servo_command", self._on_command, qos.COMMAND)
+        self.create_service(SetBool, "~/pause", self._on_pause)
+        self.create_service(StepSimulation, "~/step", self._on_step)
+        self.create_service(ResetSimulation, "~/reset", self._on_reset)
+        self.create_service(PushRobot, "~/push", self._on_push)
+        # The timer looks twice a period, so that a late tick is followed by one on time.
+        period = 0.5e-9 * self._twin.period_ns / max(parameters.real_time_factor, 0.1)
+        if parameters.real_time_factor == 0.0:
+            period = 1e-3
+        self._timer = self.create_timer(period, self._on_timer, clock=self._wall)
+
+    # Stepping
+
+    def _on_timer(self) -> None:
+        if self._tick_wall == 0 and not self._begin():
+            return
+        if self._settings.stepped:
+            self._step_if_answered()
+            if time.monotonic_ns() - self._tick_wall > REPEAT_AFTER * 1e9 and not self._idle():
+                self._outputs.repeat()
+                self._tick_wall = time.monotonic_ns()
+            return
+        until = time.monotonic_ns() + BUSY_NS
+        while not self._idle() and self._is_due():
+            self._tick()
+            if self._settings.real_time_factor > 0.0 or time.monotonic_ns() > until:
+                break
+
+    def _begin(self) -> bool:
+        """Publishes the first tick; false as long as the clock that this node follows has not started."""
+        if self._follows_clock:
+            now = self.get_clock().now().nanoseconds
+            if now == 0:
+                return False
+            self._twin.time_ns = now
+            self._sensors = self._twin.reset(self._keyframe)
+        self._pacer.restart(time.monotonic_ns())
+        self._publish()
+        return True
+
+    def _idle(self) -> bool:
+        return self._twin.diverged is not None or (self._paused and self._steps_left == 0)
+
+    def _is_due(self) -> bool:
+        if self._follows_clock:
+            return self.get_clock().now().nanoseconds >= self._twin.time_ns + self._twin.period_ns
+        return self._pacer.due(time.monotonic_ns())
+
+    def _step_if_answered(self) -> None:
+        if self._pending is not None and not self._idle() and self._is_due():
+            self._tick()
+
+    def _tick(self) -> None:
+        command, self._pending = self._pending, None
+        if command is None and self._twin.command_state is CommandState.FOLLOWING:
+            self._missed += 1
+        try:
+            self._sensors = self._twin.step(command)
+        except SimulationDivergedError as error:
+            self.get_logger().fatal(f"{error}; call ~/reset to go on")
+            self._finish_steps()
+            return
+        self._ticks += 1
+        self._publish()
+        if self._steps_left > 0:
+            self._steps_left -= 1
+            if self._steps_left == 0:
+                self._finish_steps()
+
+    def _publish(self) -> None:
+        self._outputs.publish(self._sensors)
+        for view in self._views:
+            view.show(self._twin)
+        self._tick_wall = self._published_at[self._sensors.stamp] = time.monotonic_ns()
+        if len(self._published_at) > REMEMBERED_TICKS:
+            del self._published_at[next(iter(self._published_at))]
+
+    # Commands
+
+    def _on_command(self, message: ServoCommand) -> None:
+        arrived, stamp = time.monotonic_ns(), to_nanoseconds(message.header.stamp)
+        if self._settings.stepped and stamp < self._twin.time_ns and stamp in self._published_at:
+            return  # the answer to a tick that was published twice
+        try:
+            self._pending = self._door.open(stamp, message.name, message.position, self._twin.time_ns)
+        except RefusedCommandError as error:
+            self._refused += 1
+            self._last_refusal = str(error)
+            self.get_logger().warning(
+                f"servo command refused: {error}", throttle_duration_sec=1.0, throttle_time_source_type=self._wall
+            )
+            return
+        if stamp in self._published_at:
+            self._age.add(arrived - self._published_at[stamp])
+        if self._settings.stepped and self._tick_wall != 0:
+            self._step_if_answered()
+
+    # Services
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        if self._paused and not request.data:
+            self._pacer.restart(time.monotonic_ns())
+            self._finish_steps()
+        self._paused = bool(request.data)
+        response.success = True
+        response.message = "paused" if self._paused else "running"
+        return response
+
+    async def _on_step(
+        self, request: StepSimulation.Request, response: StepSimulation.Response
+    ) -> StepSimulation.Response:
+        if not self._paused:
+            response.message = "the simulation is running: pause it first"
+        elif not 1 <= request.ticks <= LARGEST_STEP:
+            response.message = f"ticks = {request.ticks}: must be within 1 and {LARGEST_STEP}"
+        elif self._steps_left > 0:
+            response.message = f"busy: {self._steps_left} ticks of an earlier call are left"
+        elif self._twin.diverged is not None:
+            response.message = f"{self._twin.diverged}; call ~/reset first"
+        else:
+            before = self._ticks
+            self._steps_left = request.ticks
+            self._step_done = Future()
+            self._pacer.restart(time.monotonic_ns())
+            await self._step_done
+            response.success = self._ticks - before >= request.ticks
+            response.message = f"{self._ticks - before} ticks"
+        response.time = to_message(self._twin.time_ns)
+        return response
+
+    def _finish_steps(self) -> None:
+        self._steps_left = 0
+        if self._step_done is not None:
+            self._step_done.set_result(None)
+            self._step_done = None
+
+    def _on_reset(
+        self, request: ResetSimulation.Request, response: ResetSimulation.Response
+    ) -> ResetSimulation.Response:
+        diverged = self._twin.diverged is not None
+        try:
+            self._sensors = self._twin.reset(request.keyframe or "stand")
+        except ValueError as error:
+            response.message = str(error)
+            return response
+        self._outputs.clear()
+        self._pending = None
+        self._pacer.restart(time.monotonic_ns())
+        if diverged and self._settings.stepped:
+            self._tick()  # the last tick has been answered already, so somebody has to begin
+        response.success = True
+        response.message = f"the robot is in {request.keyframe or 'stand'}"
+        return response
+
+    def _on_push(self, request: PushRobot.Request, response: PushRobot.Response) -> PushRobot.Response:
+        force = request.force
+        try:
+            self._twin.push((force.x, force.y, force.z), request.duration, request.body or "torso")
+        except ValueError as error:
+            response.message = str(error)
+            return response
+        response.success = True
+        response.message = "pushed"
+        return response
+
+    # Diagnostics
+
+    def _diagnose(self) -> Status:
+        wall, simulated = self._rate_from
+        self._rate_from = (time.monotonic_ns(), self._twin.time_ns)
+        factor = (self._rate_from[1] - simulated) / max(self._rate_from[0] - wall, 1)
+        wanted = self._settings.real_time_factor
+        values = {
+            "real_time_factor": f"{factor:.3f}",
+            "ticks": self._ticks,
+            "ticks_missed": self._missed,
+            "ticks_dropped": self._pacer.dropped,
+            "command_age_p50_ms": f"{self._age.percentile_ms(50.0):.3f}",
+            "command_age_p99_ms": f"{self._age.percentile_ms(99.0):.3f}",
+            "command_age_max_ms": f"{self._age.maximum_ms:.3f}",
+            "commands": self._age.count,
+            "commands_refused": self._refused,
+            "last_refusal": self._last_refusal,
+            "servos": self._twin.command_state.value,
+        }
+        if self._twin.diverged is not None:
+            return ERROR, str(self._twin.diverged), values
+        if self._refused > self._refused_before:
+            self._refused_before = self._refused
+            return WARN, f"servo command refused: {self._last_refusal}", values
+        if self._paused:
+            return OK, "paused", values
+        if wanted > 0.0 and not self._settings.stepped and factor < 0.9 * wanted:
+            return WARN, f"too slow: {factor:.2f} x real time, {wanted} wanted", values
+        return OK, self._twin.command_state.value, values
+
+
+def main() -> int:
+    """Runs the node."""
+    return run(MujocoSim)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

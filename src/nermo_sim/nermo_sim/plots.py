@@ -1,0 +1,92 @@
+"""Pictures of runs and of experiment tables, as PNG files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from nermo_description.parameters import LEGS
+from nermo_sim.recording import Recording
+
+CONTACT_FORCE = 0.02
+"""Force from which a foot counts as on the ground [N], about 1 % of the weight."""
+
+
+def plot_run(recording: Recording, path: Path, title: str, window: float = 2.5) -> None:
+    """Track, orientation and gait diagram of a run; the latter two over its last `window` seconds."""
+    figure = Figure(figsize=(9.0, 8.0), layout="constrained")
+    track, orientation, gait = figure.subplots(3, 1)
+    figure.suptitle(title)
+    _track(track, recording)
+    _orientation(orientation, recording, window)
+    _gait_diagram(gait, recording, window)
+    figure.savefig(path, dpi=120)
+
+
+def _track(axes: Axes, recording: Recording) -> None:
+    position = recording.position
+    axes.plot(position[:, 0], 1e3 * position[:, 1])
+    axes.set(xlabel="x [m]", ylabel="y [mm]", title="Track of base_link")
+    axes.grid(alpha=0.3)
+
+
+def _orientation(axes: Axes, recording: Recording, window: float) -> None:
+    last = recording.time >= recording.time[-1] - window
+    for name, angle in zip(("roll", "pitch", "yaw"), np.degrees(recording.roll_pitch_yaw[last]).T, strict=True):
+        axes.plot(recording.time[last], angle, label=name)
+    axes.set(xlabel="time [s]", ylabel="angle [deg]", title="Orientation")
+    axes.grid(alpha=0.3)
+    axes.legend(loc="upper right")
+
+
+def _gait_diagram(axes: Axes, recording: Recording, window: float) -> None:
+    last = recording.time >= recording.time[-1] - window
+    time = recording.time[last]
+    for row, leg in enumerate(LEGS):
+        planned = recording.phases[last, row] == 0
+        touching = recording.foot_forces[last, row] > CONTACT_FORCE
+        axes.fill_between(time, row - 0.4, row, where=list(planned), step="mid", color="0.75", linewidth=0.0)
+        axes.fill_between(time, row, row + 0.4, where=list(touching), step="mid", color="C0", linewidth=0.0)
+        axes.text(time[0], row, f"{leg.replace('_', ' ')} ", ha="right", va="center")
+    axes.set(xlabel="time [s]", yticks=[], title="Gait: planned stance (grey, above) and contact (blue, below)")
+    axes.set_xlim(time[0], time[-1])
+    axes.invert_yaxis()
+
+
+def plot_speeds(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """Speed by frequency and gait, and by stride length, as N figure 6.6."""
+    figure = Figure(figsize=(10.0, 4.5), layout="constrained")
+    by_frequency, by_stride = figure.subplots(1, 2)
+    longest = max(row["stride_m"] for row in rows)
+    for index, (gait, spine) in enumerate(dict.fromkeys((row["gait"], row["spine"]) for row in rows)):
+        of_gait = [row for row in rows if (row["gait"], row["spine"]) == (gait, spine)]
+        full = [row for row in of_gait if row["stride_m"] == longest]
+        label = f"{gait.replace('_', ' ')}, spine {'on' if spine else 'off'}"
+        _speeds(by_frequency, full, "frequency_hz", label, f"C{index}")
+        strides = [row for row in of_gait if row["frequency_hz"] == 0.8]
+        if len(strides) > 1:
+            _speeds(by_stride, strides, "stride_m", label, f"C{index}")
+    by_frequency.set(xlabel="gait frequency [Hz]", ylabel="speed [m/s]", title="Dashed: no-slip theory, x: thesis")
+    by_stride.set(xlabel="stride length [m]", ylabel="speed [m/s]", title="At 0.8 Hz")
+    for axes in (by_frequency, by_stride):
+        axes.grid(alpha=0.3)
+        axes.set_ylim(bottom=0.0)
+        if axes.lines:
+            axes.legend()
+    figure.savefig(path, dpi=120)
+
+
+def _speeds(axes: Axes, rows: Sequence[dict[str, Any]], over: str, label: str, color: str) -> None:
+    rows = sorted(rows, key=lambda row: float(row[over]))
+    where = [row[over] for row in rows]
+    deviations = [row["speed_sd_m_s"] for row in rows]
+    axes.errorbar(where, [row["speed_m_s"] for row in rows], deviations, marker="o", label=label, color=color)
+    axes.plot(where, [row["theory_m_s"] for row in rows], "--", color=color, alpha=0.5)
+    printed = [(row[over], row["thesis_m_s"]) for row in rows if row["thesis_m_s"] is not None]
+    if printed:
+        axes.plot(*zip(*printed, strict=True), "x", color=color, markersize=10)

@@ -1,0 +1,1 @@
+"""The report of all experiments: one HTML file with figures and tables."""

@@ -1,0 +1,58 @@
+"""The door for servo commands from outside: matched by name, refused in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+
+class RefusedCommandError(ValueError):
+    """A servo command that must not reach the servos."""
+
+
+class ServoCommandDoor:
+    """Lets through each command once, complete, finite and not too old.
+
+    servos: the robot's servos, in the order of the result. oldest: age beyond which a command is stale [s].
+    """
+
+    def __init__(self, servos: Sequence[str], oldest: float) -> None:
+        self._servos = tuple(servos)
+        self._known = frozenset(servos)
+        self._oldest_ns = round(oldest * 1e9)
+        self._last_stamp: int | None = None
+
+    def open(self, stamp: int, names: Sequence[str], positions: Sequence[float], now: int) -> list[float]:
+        """Servo positions [rad] in the robot's order.
+
+        stamp and now [ns] are on the same clock. Raises RefusedCommandError, which says why.
+        """
+        if len(names) != len(positions):
+            raise RefusedCommandError(f"{len(names)} names but {len(positions)} positions")
+        by_name = dict(zip(names, positions, strict=True))
+        if by_name.keys() != self._known or len(names) != len(self._servos):
+            raise RefusedCommandError(self._naming(names))
+        result = [by_name[name] for name in self._servos]
+        if not math.isfinite(sum(result)):
+            name = next(name for name in names if not math.isfinite(by_name[name]))
+            raise RefusedCommandError(f"position of {name} is {by_name[name]}: must be finite")
+        if stamp > now:
+            raise RefusedCommandError(f"stamp is {(stamp - now) * 1e-9:.3f} s in the future")
+        if now - stamp > self._oldest_ns:
+            raise RefusedCommandError(f"stale: {(now - stamp) * 1e-9:.3f} s old, at most {self._oldest_ns * 1e-9} s")
+        if self._last_stamp is not None and stamp <= self._last_stamp:
+            word = "repeated" if stamp == self._last_stamp else "out of order"
+            raise RefusedCommandError(
+                f"{word}: stamp {stamp * 1e-9:.6f} s, the last one was {self._last_stamp * 1e-9:.6f} s"
+            )
+        self._last_stamp = stamp
+        return result
+
+    def _naming(self, names: Sequence[str]) -> str:
+        unknown = sorted(set(names) - self._known)
+        if unknown:
+            return f"unknown servo {', '.join(unknown)}: the robot has {', '.join(self._servos)}"
+        lacking = [name for name in self._servos if name not in names]
+        if lacking:
+            return f"{len(names)} servos named, {len(self._servos)} needed: {', '.join(lacking)} missing"
+        return f"a servo is named twice in {', '.join(names)}"
