@@ -1,0 +1,52 @@
+"""What `nermo bench sensors` measures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from nermo_sensors.bench.figure import figure_rows
+from nermo_sensors.bench.judgement import judge_run, update_times
+from nermo_sensors.bench.rig import Rig
+from nermo_sensors.parameters import load_tactile
+
+FIT_SEED, TUNE_SEED, JUDGE_SEED = 1, 2, 3
+"""Runs of the simulated bench: one to identify, one to tune, one to judge (C 4.3.2.1)."""
+
+
+def bench_sensors(
+    robot: str = "cheetah_cub",
+    quick: bool = False,
+    seed: int = JUDGE_SEED,
+    pictures: Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Time of an update, and the estimators on a run of the simulated bench that they have never seen.
+
+    Calibration and covariances are those of the robot's parameter file, from runs 1 and 2 (docs/nermo_sensors.md).
+    """
+    parameters = load_tactile(robot)
+    rig = Rig(peak=2.8 * parameters.piezoresistive.saturation_force)
+    if quick:
+        rig = Rig(peak=rig.peak, periods=3, seconds=2.0)
+    recording = rig.run(parameters, seed)
+    rows, traces = judge_run(parameters, recording, progress=progress)
+    facts: dict[str, Any] = {
+        **update_times(parameters, samples=300 if quick else 2000),
+        "feet": 4,
+        "rows": [row for row in rows if row["frequency_hz"] is not None],
+        "overall": [row for row in rows if row["frequency_hz"] is None],
+        "figure_4_8": [asdict(row) for row in figure_rows(2 if quick else 20, 4.0 if quick else 60.0)],
+        "seed": seed,
+    }
+    if pictures is not None:
+        from nermo_sensors.plots import plot_estimates, plot_residual_distribution, plot_sensor_curve
+
+        pictures.mkdir(parents=True, exist_ok=True)
+        plot_sensor_curve(parameters, recording, pictures / "sensor_curve.png")
+        plot_estimates(recording, traces, pictures / "estimates.png")
+        plot_residual_distribution(recording, traces, pictures / "residuals.png")
+        facts["pictures"] = sorted(str(path) for path in pictures.glob("*.png"))
+    return facts

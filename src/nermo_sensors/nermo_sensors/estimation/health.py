@@ -1,0 +1,148 @@
+"""Which cells can be believed: what is missing, frozen, out of range, or contradicts everything else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+CELLS = ("piezoresistive", "piezoelectric")
+
+
+class Fault(Enum):
+    """What is wrong with a cell."""
+
+    NONE = "none"
+    MISSING = "no reading"
+    FROZEN = "reads the same number all the time"
+    IMPLAUSIBLE = "reads what it never should"
+    INVERTED = "reads more in the air than on the ground"
+    CONTRADICTION = "contradicts the other cell"
+
+
+@dataclass(frozen=True, slots=True)
+class HealthLimits:
+    """When a cell is no longer believed."""
+
+    missing_after: float = 0.1
+    """[s] without a reading."""
+    frozen_after: float = 0.5
+    """[s] with exactly the same reading. Noise of half a count or more makes every healthy cell move."""
+    surprise: float = 30.0
+    """Mean squared residual over its expected variance; 1 is normal."""
+    window: float = 0.5
+    """Over which surprises are averaged [s]."""
+    high_pass: float = 0.08
+    """Both cells are compared as this high-pass leaves them, which is what a charge amplifier does [s]."""
+    recover_after: float = 1.0
+    """[s] of good readings before a cell is believed again."""
+
+
+class HealthMonitor:
+    """Watches the two cells of B feet."""
+
+    def __init__(
+        self, count: int, limits: HealthLimits | None = None, lowest: float = -np.inf, span: float = np.inf
+    ) -> None:
+        """`lowest`: the piezoresistive cell never reads less [V], as no load is negative; `span`: its range [V]."""
+        self._limits, self._lowest, self._count = limits or HealthLimits(), lowest, count
+        self._span = span
+        self.clear()
+
+    def clear(self) -> None:
+        """Takes every cell for healthy."""
+        shape = (2, self._count)
+        self._last = np.full(shape, np.nan)
+        self._absent, self._same, self._good = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        self.surprise = np.ones(shape)
+        """Running mean of squared residual over expected variance."""
+        self._low = np.zeros(self._count)
+        self._slow, self._products = np.full(self._count, np.nan), np.zeros((3, self._count))
+        self._ground_air = np.full((2, self._count), np.nan)
+        self.faults: list[list[Fault]] = [[Fault.NONE] * self._count for _ in CELLS]
+        self._trusted = np.ones(shape, dtype=bool)
+
+    @property
+    def trusted(self) -> Mask:
+        """(2, B): which cells to use."""
+        return self._trusted
+
+    def watch(self, period: float, readings: Array, surprise: Array, swing: Mask | None = None) -> None:
+        """Takes in the readings (2, B) [V] after a period [s], and how surprising each was (2, B), NaN if unknown.
+
+        `swing` (B,) says which feet are in the air by intention, where that is known.
+        """
+        limits = self._limits
+        present = np.isfinite(readings)
+        self._absent = np.where(present, 0.0, self._absent + period)
+        self._same = np.where(present & (readings == self._last), self._same + period, 0.0)
+        self._last = np.where(present, readings, self._last)
+        share = min(1.0, period / limits.window)
+        known = np.isfinite(surprise)
+        # One wild residual, as at a foot strike, must not count for more than a few seconds of calm.
+        step = np.where(known, np.minimum(surprise, 20.0 * limits.surprise), self.surprise) - self.surprise
+        self.surprise = self.surprise + share * step
+        with np.errstate(invalid="ignore"):
+            below = present[0] & (readings[0] < self._lowest)
+        self._low = np.where(below, self._low + period, 0.0)
+
+        self._compare(period, readings, present)
+        if swing is not None:
+            for where, rows in enumerate((~swing & present[0], swing & present[0])):
+                old = self._ground_air[where]
+                new = np.where(np.isnan(old), readings[0], old + min(1.0, period / limits.window) * (readings[0] - old))
+                self._ground_air[where] = np.where(rows, new, old)
+
+        wrong = np.zeros(self._trusted.shape, dtype=bool)
+        for cell in range(2):
+            for foot in range(self._count):
+                fault = self._fault(cell, foot)
+                if fault is not Fault.NONE:
+                    self.faults[cell][foot] = fault
+                    wrong[cell, foot] = True
+        self._good = np.where(wrong, 0.0, self._good + period)
+        for cell, foot in np.argwhere(~wrong & ~self._trusted & (self._good >= limits.recover_after)):
+            self.faults[cell][foot] = Fault.NONE
+        self._trusted = ~wrong & (self._trusted | (self._good >= limits.recover_after))
+
+    def _compare(self, period: float, readings: Array, present: Mask) -> None:
+        """Running correlation of the dynamic cell with the changes of the static one."""
+        limits = self._limits
+        slow = np.where(np.isnan(self._slow), readings[0], self._slow)
+        slow = slow + min(1.0, period / limits.high_pass) * (readings[0] - slow)
+        self._slow = np.where(present[0], slow, self._slow)
+        x, y = readings[0] - self._slow, readings[1]
+        products = np.stack([x * y, x * x, y * y])
+        share = min(1.0, 0.5 * period / limits.window)
+        both = present.all(axis=0)
+        self._products = np.where(both, self._products + share * (products - self._products), self._products)
+
+    @property
+    def _opposed(self) -> Mask:
+        """Where the cells change in opposite directions, and far enough to be sure."""
+        product, x2, y2 = self._products
+        enough = x2 > (0.02 * self._span) ** 2
+        return np.asarray(enough & (product < -0.3 * np.sqrt(x2 * y2)))
+
+    def _fault(self, cell: int, foot: int) -> Fault:
+        limits = self._limits
+        if self._absent[cell, foot] >= limits.missing_after:
+            return Fault.MISSING
+        if self._same[cell, foot] >= limits.frozen_after:
+            return Fault.FROZEN
+        if cell == 0 and self._low[foot] >= limits.missing_after:
+            return Fault.IMPLAUSIBLE
+        if cell == 0 and self._ground_air[1, foot] - self._ground_air[0, foot] > 0.1 * self._span:
+            return Fault.INVERTED
+        if cell == 1 and self._trusted[0, foot] and self._opposed[foot]:
+            return Fault.CONTRADICTION
+        # If both surprise, the one that surprises more is blamed; the other one is needed.
+        mine, other = self.surprise[cell, foot], self.surprise[1 - cell, foot]
+        if mine > limits.surprise and (mine >= other or not self._trusted[1 - cell, foot]):
+            return Fault.CONTRADICTION
+        return Fault.NONE

@@ -1,0 +1,169 @@
+"""Our model: both cells have a memory, and it is part of the state."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nermo_sensors.estimation.model import Mask, Reading
+from nermo_sensors.models.amplifier import NonInvertingAmplifier
+from nermo_sensors.models.memory import ReversalHysteresis
+from nermo_sensors.models.piezoelectric import ChargeResponse, RateAccelerationResponse
+from nermo_sensors.models.piezoresistive import SoftConductance
+from nermo_sensors.parameters import Calibration, MemoryNoise
+
+Array = NDArray[np.float64]
+
+LOAD, RATE, ACCELERATION, HYSTERESIS, CREEP, LOAD_ERROR, BIAS, CHARGE = range(8)
+
+SATURATION_SHARE = 0.97
+"""From this share of the conductance's range on, a reading bounds the load from below only."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Prepared:
+    period: float
+    jacobian: Array
+    """(1 or B, 8, 8), the hysteresis left out."""
+    variances: Array
+    """(8,) or (B, 8)"""
+
+
+class MemoryModel:
+    """x = (F, F', F'', z, c, e, D, q).
+
+    z is the hysteresis in [-1, 1], c the creep's relative gain, e [N] what the static cell's model gets wrong for a
+    while, D [V] likewise for the dynamic cell, q [N] the charge left in its amplifier. The static cell reads
+    amplifier((1 + c) G(F + half_width z + e)).
+    """
+
+    states: tuple[str, ...] = ("load", "rate", "acceleration", "hysteresis", "creep", "load_error", "bias", "charge")
+
+    def __init__(self, calibration: Calibration, noise: MemoryNoise) -> None:
+        m = calibration.memory
+        self._memory = m
+        self._law = SoftConductance(m.sensitivity, m.base_conductance, m.saturation_force, m.rounding)
+        self._amplifier = NonInvertingAmplifier(m.feedback_resistance, m.reference_voltage)
+        self._volts = m.feedback_resistance * m.reference_voltage
+        saturated = m.base_conductance + SATURATION_SHARE * (self._law.saturated - m.base_conductance)
+        self._saturated = float(self._amplifier.voltage(saturated))
+        self._highest = float(self._law.conductance(m.saturation_force + 5.0 * m.rounding))
+        self._proven = float(self._law.force(saturated)) - m.hysteresis_width
+        self._charge = ChargeResponse(
+            calibration.charge.gain, calibration.charge.leak, calibration.charge.lag, calibration.charge.offset
+        )
+        r = calibration.rate_acceleration
+        self._thesis_law = RateAccelerationResponse(
+            r.rate_gain, r.rate_decay, r.acceleration_gain, r.acceleration_decay, r.offset
+        )
+        self._by_charge = calibration.law == "charge"
+        self._gains = self._thesis_law.gains(2.0 * math.pi)
+        self._noise = noise
+        self.piezoresistive_variance: Any = noise.piezoresistive
+        self.piezoelectric_variance: Any = noise.piezoelectric
+        self._prepared: _Prepared | None = None
+
+    def start(self, count: int) -> tuple[Array, Array]:
+        F = self._memory.saturation_force
+        n = self._noise
+        P = np.zeros((count, 8, 8))
+        variances = np.array([F * F, 100.0 * F * F, 1e4 * F * F, 1.0, 1e-3, 1.0, 1.0, 0.01 * F * F])
+        P[:, range(8), range(8)] = variances
+        P[:, LOAD_ERROR, LOAD_ERROR] = n.load_error
+        P[:, BIAS, BIAS] = n.bias
+        return np.zeros((count, 8)), P
+
+    def predict(self, x: Array, period: float) -> tuple[Array, Array]:
+        prepared = self._for(period)
+        change = period * x[:, RATE] + 0.5 * period * period * x[:, ACCELERATION]
+        # All but the hysteresis is linear.
+        after = (prepared.jacobian @ x[:, :, None])[:, :, 0]
+        z, by_z, by_change = ReversalHysteresis.step(x[:, HYSTERESIS], change, self._memory.reversal_force)
+        after[:, HYSTERESIS] = z
+        jacobian = np.empty((len(x), 8, 8))
+        jacobian[:] = prepared.jacobian
+        jacobian[:, HYSTERESIS, HYSTERESIS] = by_z
+        jacobian[:, HYSTERESIS, RATE] = by_change * period
+        jacobian[:, HYSTERESIS, ACCELERATION] = by_change * (0.5 * period * period)
+        return after, jacobian
+
+    def process(self, period: float) -> Array:
+        return self._for(period).variances
+
+    def piezoresistive(self, x: Array, voltage: Array) -> Reading:
+        felt = x[:, LOAD] + self._memory.hysteresis_width * x[:, HYSTERESIS] + x[:, LOAD_ERROR]
+        gain = 1.0 + x[:, CREEP]
+        conductance = self._law.conductance(felt)
+        # The slope is taken as the secant to where the reading says that the cell is: a filter that believes the cell
+        # saturated would otherwise be deaf to a reading that is not.
+        told = np.minimum((voltage - self._amplifier.reference_v) / (self._volts * gain), self._highest)
+        there = self._law.force(told)
+        apart = there - felt
+        far = np.abs(apart) > 1e-3 * self._memory.saturation_force
+        slope = np.where(far, (told - conductance) / np.where(far, apart, 1.0), self._law.slope(felt))
+        gradient = np.zeros_like(x)
+        by_felt = self._volts * gain * slope
+        gradient[:, LOAD] = gradient[:, LOAD_ERROR] = by_felt
+        gradient[:, HYSTERESIS] = self._memory.hysteresis_width * by_felt
+        gradient[:, CREEP] = self._volts * conductance
+        return Reading(self._amplifier.reference_v + self._volts * gain * conductance, gradient)
+
+    def piezoelectric(self, x: Array) -> Reading:
+        gradient = np.zeros_like(x)
+        gradient[:, BIAS] = 1.0
+        if self._by_charge:
+            law = self._charge
+            gradient[:, CHARGE] = law.gain * (1.0 + law.lag / law.leak)
+            gradient[:, RATE] = -law.gain * law.lag
+            return Reading(law.voltage(x[:, CHARGE], x[:, RATE]) + x[:, BIAS], gradient)
+        gradient[:, RATE], gradient[:, ACCELERATION] = self._gains
+        value = self._gains[0] * x[:, RATE] + self._gains[1] * x[:, ACCELERATION] + self._thesis_law.offset
+        return Reading(value + x[:, BIAS], gradient)
+
+    def saturation(self, voltage: Array, x: Array) -> tuple[Mask, Array]:
+        # Beyond its bound the load is free, but the reading still tells the creep.
+        proven = np.full(len(voltage), self._proven)
+        return (voltage > self._saturated * (1.0 + x[:, CREEP])) & (x[:, LOAD] < proven), proven
+
+    def observe_frequency(self, frequency: float) -> tuple[Reading, float] | None:
+        self._gains = self._thesis_law.gains(frequency)
+        return None
+
+    def _for(self, period: float) -> _Prepared:
+        """What depends on the period only; it seldom changes."""
+        if self._prepared is None or self._prepared.period != period:
+            self._prepared = self._prepare(period)
+        return self._prepared
+
+    def _prepare(self, period: float) -> _Prepared:
+        m, n = self._memory, self._noise
+        remain, share = self._charge.transition(period)
+        creep_remain = math.exp(-period / m.creep_time)
+        load_error_remain = np.exp(-period / np.asarray(n.load_error_time))
+        bias_remain = np.exp(-period / np.asarray(n.bias_time))
+        half = 0.5 * period * period
+        constant = np.eye(8)
+        constant[LOAD, RATE] = constant[RATE, ACCELERATION] = period
+        constant[LOAD, ACCELERATION] = half
+        constant[CREEP, CREEP] = creep_remain
+        constant[CREEP, LOAD] = (1.0 - creep_remain) * m.creep_gain
+        constant[CHARGE, [RATE, ACCELERATION, CHARGE]] = share * period, share * half, remain
+        count = max(np.size(n.load_error_time), np.size(n.bias_time))
+        jacobian = np.tile(constant, (count, 1, 1)) if count > 1 else constant[None]
+        jacobian[:, LOAD_ERROR, LOAD_ERROR] = load_error_remain
+        jacobian[:, BIAS, BIAS] = bias_remain
+        variances = np.broadcast_arrays(
+            0.0,
+            n.rate * period,
+            n.acceleration * period,
+            n.hysteresis * period,
+            n.creep * period,
+            n.load_error * (1.0 - load_error_remain**2),
+            n.bias * (1.0 - bias_remain**2),
+            0.0,
+        )
+        return _Prepared(period, jacobian, np.stack(variances, axis=-1).astype(np.float64))

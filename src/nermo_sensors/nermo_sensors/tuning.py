@@ -1,0 +1,154 @@
+"""Covariances by particle swarm (C 4.3.1.3), the whole swarm filtering at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from nermo_sensors.bench.recording import BenchRecording
+from nermo_sensors.estimation.load_filter import make_model
+from nermo_sensors.estimation.offline import Estimates, estimate
+from nermo_sensors.parameters import Calibration, Noises
+
+Array = NDArray[np.float64]
+Objective = Literal["thesis", "likelihood"]
+
+ALPHA, BETA, GAMMA = 5.0, 1e-2, 1e-5
+"""Weights of the load, of its rate and of the bias in (4.19), as C chose them."""
+
+REACH = 2.0
+"""Decades to either side of the present value in which a covariance is searched."""
+
+WAKE_UP = 1.0
+"""Time from the start of a recording that is not judged [s]."""
+
+_WORST = 1e12
+_SCALE_STEPS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Tuning:
+    """What the swarm found."""
+
+    noises: Noises
+    cost: float
+    """Of the best particle; lower is better."""
+    cost_before: float
+    """Of the covariances that it started from."""
+    history: list[float]
+    """Best cost after each generation."""
+
+
+def thesis_cost(states: Estimates, bias: int, recording: BenchRecording) -> Array:
+    """-log O of (4.19) for each of B filters; the logarithm, because O itself underflows."""
+    rows = _judged(recording)
+    force, rate = recording.force[rows, None], np.gradient(recording.force, recording.time)[rows, None]
+    D = states.states[rows, :, bias]
+    return (
+        ALPHA * np.mean((states.states[rows, :, 0] - force) ** 2, axis=0)
+        + BETA * np.mean((states.states[rows, :, 1] - rate) ** 2, axis=0)
+        + GAMMA * np.std(D, axis=0)
+    )
+
+
+def likelihood_cost(states: Estimates, bias: int, recording: BenchRecording) -> Array:
+    """Minus the mean log-density that each filter gave to the true load: rewards small errors and honest variances."""
+    del bias
+    rows = _judged(recording)
+    error = states.load[rows] - recording.force[rows, None]
+    variance = np.maximum(states.variance[rows], 1e-12)
+    return np.asarray(0.5 * np.mean(np.log(2.0 * np.pi * variance) + error**2 / variance, axis=0))
+
+
+_COSTS: dict[str, Callable[[Estimates, int, BenchRecording], Array]] = {
+    "thesis": thesis_cost,
+    "likelihood": likelihood_cost,
+}
+
+
+def tune(
+    estimator: str,
+    calibration: Calibration,
+    noises: Noises,
+    recording: BenchRecording,
+    objective: Objective = "thesis",
+    particles: int = 24,
+    generations: int = 25,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Tuning:
+    """Searches the covariances of one estimator, starting from `noises`.
+
+    The thesis's objective does not look at the variance, and mostly the ratios of covariances move the estimate: their
+    common scale is therefore set last, towards a mean normalised squared error of 1 on this recording.
+    """
+    # pymoo takes a second to import, and only tuning needs it.
+    from pymoo.algorithms.soo.nonconvex.pso import PSO
+    from pymoo.core.problem import Problem
+    from pymoo.optimize import minimize
+
+    present: BaseModel = getattr(noises, estimator)
+    # How long an error lasts stays as it is: one run shows one draw of a bias, and a swarm free to call it short-lived
+    # finds a filter that follows no other run.
+    names = [name for name in type(present).model_fields if not name.endswith("_time")]
+    fixed = {name: getattr(present, name) for name in type(present).model_fields if name not in names}
+    start = np.log10([getattr(present, name) for name in names])
+    bias = make_model(estimator, calibration, noises).states.index("bias")
+
+    def filtered(points: Array) -> Estimates:
+        trial = type(present).model_construct(**fixed, **dict(zip(names, 10.0**points.T, strict=True)))
+        model = make_model(estimator, calibration, noises.model_copy(update={estimator: trial}))
+        with np.errstate(all="ignore"):
+            return estimate(model, recording, len(points))
+
+    def cost(points: Array) -> Array:
+        with np.errstate(all="ignore"):
+            costs = _COSTS[objective](filtered(points), bias, recording)
+        return np.where(np.isfinite(costs), np.minimum(costs, _WORST), _WORST)
+
+    history: list[float] = []
+
+    class Covariances(Problem):  # type: ignore[misc]
+        def _evaluate(self, x: Array, out: dict[str, Any], *_: Any, **__: Any) -> None:
+            costs = cost(x)
+            history.append(min([float(costs.min()), *history[-1:]]))
+            if progress is not None:
+                progress(len(history), generations)
+            out["F"] = costs
+
+    random = np.random.default_rng(seed)
+    swarm = start + REACH * (2.0 * random.random((particles, len(names))) - 1.0)
+    swarm[0] = start
+    before = float(cost(start[None])[0])
+    result = minimize(
+        Covariances(n_var=len(names), xl=start - REACH, xu=start + REACH),
+        PSO(pop_size=particles, sampling=swarm),
+        ("n_gen", generations),
+        seed=seed,
+    )
+    best = np.asarray(result.X, dtype=np.float64)
+    found = dict(zip(names, (10.0**best).tolist(), strict=True))
+    if objective == "thesis":
+        # Start and bounds do not scale along, so one step does not always do.
+        for _ in range(_SCALE_STEPS):
+            scale = _normalised_error(filtered(np.log10([list(found.values())])), recording)
+            found = {name: value * scale for name, value in found.items()}
+            if abs(scale - 1.0) < 0.05:
+                break
+    tuned = type(present).model_validate({**fixed, **found})
+    return Tuning(noises.model_copy(update={estimator: tuned}), float(result.F[0]), before, history)
+
+
+def _normalised_error(states: Estimates, recording: BenchRecording) -> float:
+    rows = _judged(recording)
+    error = states.load[rows, 0] - recording.force[rows]
+    return float(np.mean(error**2 / states.variance[rows, 0]))
+
+
+def _judged(recording: BenchRecording) -> NDArray[np.bool_]:
+    return np.asarray(recording.time >= recording.time[0] + WAKE_UP)

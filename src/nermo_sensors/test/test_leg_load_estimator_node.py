@@ -1,0 +1,129 @@
+"""The node in a graph of its own: every tactile message is answered, faults are told, parameters act live."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+import time
+from array import array
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import SetParameters
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from nermo_interfaces.msg import LegLoads, Tactile
+from nermo_node import qos
+from nermo_node.time import to_message, to_nanoseconds
+from nermo_sensors.models.foot import TactileFeet
+
+PATIENCE = 60.0
+
+
+class Feet:
+    """Sends what four feet read and hears what the node makes of it."""
+
+    def __init__(self) -> None:
+        self._context = Context()
+        rclpy.init(context=self._context)
+        self.node = Node("feet", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._feet = TactileFeet()
+        self._stamp = 1_000_000_000
+        self._publisher = self.node.create_publisher(Tactile, "tactile", qos.SENSOR)
+        self.loads: list[LegLoads] = []
+        self.diagnostics: list[DiagnosticArray] = []
+        self.node.create_subscription(LegLoads, "leg_loads", self.loads.append, 100)
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnostics.append, 100)
+
+    def press(self, loads: list[float], broken: bool = False) -> LegLoads:
+        """One sample, and the node's answer to it; sent again until there is one."""
+        static, dynamic = self._feet.read(loads, 0.005)
+        if broken:
+            static[2] = math.nan
+        heard = len(self.loads)
+
+        def answered() -> bool:
+            if len(self.loads) > heard:
+                return True
+            self._stamp += 5_000_000
+            message = Tactile(piezoresistive=array("d", static), piezoelectric=array("d", dynamic))
+            message.header.stamp = to_message(self._stamp)
+            self._publisher.publish(message)
+            return False
+
+        self.until(answered, "leg_loads came", 0.05)
+        return self.loads[-1]
+
+    def until(self, condition: Callable[[], Any], what: str, patience: float = 0.1) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < deadline, f"waited in vain until {what}"
+            self._executor.spin_once(timeout_sec=patience)
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+
+@pytest.fixture
+def feet() -> Iterator[Feet]:
+    process = subprocess.Popen([sys.executable, "-m", "nermo_sensors.nodes.leg_load_estimator"])
+    feet = Feet()
+    yield feet
+    feet.close()
+    process.terminate()
+    assert process.wait(30) == 0
+
+
+def test_loads_follow_and_faults_are_told(feet: Feet) -> None:
+    for _ in range(60):
+        answer = feet.press([0.7, 0.7, 0.7, 0.0])
+    assert to_nanoseconds(answer.header.stamp) > 1_000_000_000
+    assert answer.header.frame_id == "base_link"
+    assert list(answer.load)[:3] == pytest.approx([0.7] * 3, abs=0.35)
+    assert list(answer.contact)[:3] == [True] * 3
+    assert all(variance > 0.0 for variance in answer.variance)
+    for _ in range(40):
+        answer = feet.press([0.7, 0.7, 0.7, 0.0], broken=True)
+    assert math.isfinite(answer.load[2])
+
+    def told() -> bool:
+        texts = [status.message for message in feet.diagnostics for status in message.status]
+        return any("rear_left: the piezoresistive cell no reading" in text for text in texts)
+
+    feet.until(told, "the diagnostics name the foot")
+
+    client = feet.node.create_client(SetParameters, "leg_load_estimator/set_parameters")
+    feet.until(client.service_is_ready, "parameters can be set")
+    answers = []
+    for value in (50.0, -1.0):
+        request = SetParameters.Request(parameters=[Parameter("contact_force", value=value).to_parameter_msg()])
+        future = client.call_async(request)
+        feet.until(future.done, "the parameter was set")
+        answers.append(future.result().results[0].successful)
+    assert answers == [True, False]
+    for _ in range(3):
+        answer = feet.press([0.7, 0.7, 0.7, 0.0])
+    assert not any(answer.contact)
+
+
+def test_wrong_feet_are_refused() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "nermo_sensors.nodes.leg_load_estimator", "--ros-args", "-p", "feet:=none.yaml"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "none.yaml" in done.stderr + done.stdout and "Traceback" not in done.stderr
