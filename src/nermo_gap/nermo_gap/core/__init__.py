@@ -1,0 +1,1 @@
+"""The robot-agnostic core: any MJCF, any recording. Imports no nermo package."""

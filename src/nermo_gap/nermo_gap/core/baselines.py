@@ -1,0 +1,69 @@
+"""The obvious alternatives, on the same windows: fit everything at once, and the best single effect in sample."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nermo_gap.core.fit import Fitter, Hypothesis
+from nermo_gap.core.select import Scored, Selector
+
+Array = NDArray[np.float64]
+
+_FREE = 5.0
+"""Standard deviations within which everything may move when it is fitted without priors."""
+
+
+def fit_everything(fitter: Fitter, selector: Selector, iterations: int = 6) -> dict[str, object]:
+    """Plain mujoco.sysid least squares of all nominal parameters at once, fitted outside fold 0 and scored in it.
+
+    No effects, no priors, white residuals: what a user gets who frees every number of the model.
+    """
+    # Its typed half would hide the rest of mujoco, which is untyped, from the type checker.
+    sysid: Any = importlib.import_module("mujoco.sysid")
+    fold = fitter.windows.fold
+    train, test = np.flatnonzero(fold != 0), np.flatnonzero(fold == 0)
+    step = max(len(train) // 40, 1)
+    train = train[::step]
+    none = np.zeros(0)
+    parameters = sysid.ParameterDict()
+    for nuisance in fitter.nuisances:
+        parameters.add(sysid.Parameter(nuisance.name, 0.0, -_FREE, _FREE))
+
+    def residual(x: Array, _: object) -> tuple[list[Array], None, None]:
+        points = np.atleast_2d(x.T) if x.ndim == 2 else x[None]
+        values = [
+            fitter.replay(Hypothesis(), [(none, p) for p in points[i : i + 16]], train)
+            for i in range(0, len(points), 16)
+        ]
+        flat = np.concatenate(values).reshape(len(points), -1)
+        return [flat.T if x.ndim == 2 else flat[0]], None, None
+
+    logging.getLogger("absl").setLevel(logging.ERROR)
+    fitted, _ = sysid.optimize(parameters, residual, optimizer="mujoco", verbose=False, max_iters=iterations, eps=1e-2)
+    z = np.asarray(fitted.as_vector(), float)
+    square = fitter.mean_square(fitter.replay(Hypothesis(), [(none, z)], test)[0], test)
+    return {
+        "gap": float(np.sqrt(square.mean())),
+        "parameters": {n.name: float(v) for n, v in zip(fitter.nuisances, z, strict=True)},
+        "parameter_unit": "standard deviations of the prior",
+        "held_out": "fold 0",
+        "method": "mujoco.sysid least squares of all nominal parameters, no priors, no effects",
+    }
+
+
+def best_in_sample(selector: Selector, singles: list[Scored], reference: Scored) -> dict[str, object]:
+    """The single effect with the smallest in-sample error; always names one, however little it explains."""
+    fitter = selector.fitter
+    scored = singles or [reference]
+    errors = [float((s.fit.residual**2).mean()) for s in scored]
+    best = scored[int(np.argmin(errors))]
+    return {
+        "effect": best.fit.hypothesis.effects[0].key if best.fit.hypothesis.effects else None,
+        "gap": best.gap,
+        "in_sample_gap": float(np.sqrt(fitter.mean_square(best.fit.residual).mean())),
+    }

@@ -1,0 +1,237 @@
+"""The whole diagnosis: from recordings and a nominal model to a verdict and its evidence."""
+
+from __future__ import annotations
+
+import json
+import platform
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from nermo_gap.core.align import Aligned, align
+from nermo_gap.core.baselines import best_in_sample, fit_everything
+from nermo_gap.core.effects.base import Context, Effect
+from nermo_gap.core.fit import Fit, Fitter, Hypothesis
+from nermo_gap.core.isolability import isolability
+from nermo_gap.core.library import enumerate_effects
+from nermo_gap.core.noise import noise_floor
+from nermo_gap.core.nuisance import enumerate_nuisances
+from nermo_gap.core.plant import Plant
+from nermo_gap.core.plausibility import check_map
+from nermo_gap.core.recording import Recording, concatenate
+from nermo_gap.core.replay import Replayer
+from nermo_gap.core.residual import Residuals
+from nermo_gap.core.scales import measure_scales
+from nermo_gap.core.select import Selection, Selector
+from nermo_gap.core.state import measured_state
+from nermo_gap.core.structure import predictable_share
+from nermo_gap.core.variant import Variant
+from nermo_gap.core.verdict import Verdict, judge
+from nermo_gap.core.where import bands, locate
+from nermo_gap.core.windows import cut
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+SCHEMA = "nermo_gap/diagnosis/1"
+
+
+@dataclass
+class Options:
+    """How to diagnose."""
+
+    seed: int = 0
+    threads: int | None = None
+    extra_effects: tuple[type[Effect], ...] = ()
+    groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    baselines: bool = True
+    only: tuple[str, ...] = ()
+    """Names of the effects to consider; all where empty."""
+    progress: Progress | None = None
+
+
+@dataclass
+class Diagnosis:
+    """Everything that was found; ``report`` is diagnosis.json."""
+
+    verdict: Verdict
+    selection: Selection
+    selector: Selector
+    aligned: Aligned
+    report: dict[str, Any]
+
+
+def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | None = None) -> Diagnosis:
+    """Diagnose the gap between recordings and the nominal model.
+
+    Raises:
+        GapInputError: the recordings cannot be used, or contradict the map.
+    """
+    options = options or Options()
+    started = time.monotonic()
+    aligned = align(concatenate(list(recordings)), plant)
+    floor = noise_floor(aligned)
+    warnings = [*plant.warnings, *aligned.warnings]
+    warnings += check_map(plant, aligned, measured_state(plant, aligned, floor))
+    windows = cut(aligned)
+    replayer = Replayer(plant, aligned, windows, floor, options.threads)
+    nominal = Variant.nominal(plant)
+    context = Context(plant, measure_scales(replayer, nominal), options.groups)
+    effects = enumerate_effects(context, options.extra_effects, options.only)
+    nuisances = enumerate_nuisances(plant, aligned.outputs.std(axis=0), aligned.period)
+    residuals = Residuals.build(replayer, nominal)
+    fitter = Fitter(residuals, nuisances)
+    selector = Selector(fitter, effects, options.seed, options.progress)
+    selection = selector.run()
+    structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
+    verdict = judge(selector, selection, structure)
+    report = _report(aligned, floor, selector, selection, verdict, structure, options)
+    report["warnings"] = warnings
+    report["replayed_s"] = replayer.simulated_seconds
+    report["wall_s"] = time.monotonic() - started
+    return Diagnosis(verdict, selection, selector, aligned, report)
+
+
+def _report(
+    aligned: Aligned,
+    floor: Array,
+    selector: Selector,
+    selection: Selection,
+    verdict: Verdict,
+    structure: float,
+    options: Options,
+) -> dict[str, Any]:
+    fitter, best = selector.fitter, selection.best
+    residuals, plant = fitter.residuals, fitter.residuals.replayer.plant
+    nominal = fitter.replay(Hypothesis(), [(np.zeros(0), np.zeros(len(fitter.nuisances)))])[0]
+    windows = fitter.windows
+    return {
+        "schema": SCHEMA,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "seed": options.seed,
+        "robot": mujoco.mj_id2name(plant.model, mujoco.mjtObj.mjOBJ_MODEL, 0) or _model_name(plant),
+        "versions": {"nermo_gap": "0.1.0", "mujoco": mujoco.__version__, "python": platform.python_version()},
+        "verdict": verdict.kind,
+        "reasons": verdict.reasons,
+        "gap": _gap(selector, selection, fitter.mean_square(nominal)),
+        "where": locate(residuals, nominal),
+        "left": locate(residuals, best.fit.residual),
+        "frequency": bands(residuals, nominal),
+        "effects": _effects(selector, selection),
+        "ranking": [
+            {"hypothesis": s.key, "score": s.score, "gap": s.gap, "prior": s.fit.prior} for s in selection.singles
+        ],
+        "equivalent": verdict.equivalent,
+        "isolability": isolability(selection.screened, [e.key for e in best.fit.hypothesis.effects])
+        | {"rivals_deg": verdict.angles},
+        "unexplained_predictable_share": structure,
+        "nuisances": {n.name: float(z) for n, z in zip(fitter.nuisances, best.fit.z, strict=True) if abs(z) > 0.05},
+        "baselines": _baselines(fitter, selector, selection, options),
+        "next_experiment": None,
+        "heldout": {
+            "folds": windows.folds,
+            "windows": len(windows),
+            "blocks": len(np.unique(windows.block)),
+            "horizon_s": windows.length * aligned.period,
+            "warm_up_s": windows.warm_up * aligned.period,
+            "runs": len(aligned.runs),
+            "given": list(aligned.held_out),
+        },
+        "noise_floor": {plant.outputs[i].name: float(floor[i]) for i in range(len(floor))},
+    }
+
+
+def _model_name(plant: Plant) -> str:
+    return plant.model.names[: plant.model.names.index(b"\0")].decode() or "unnamed"
+
+
+def _interval(values: Array) -> list[float]:
+    low, high = np.percentile(values, [5, 95])
+    return [float(low), float(high)]
+
+
+def _gap(selector: Selector, selection: Selection, nominal: Array) -> dict[str, Any]:
+    before = selector.gaps(nominal)
+    after = selector.gaps(selection.best.fit.held)
+    reference = selector.gaps(selection.reference.fit.held)
+    by_channel = {}
+    held = selector.draws[0] > 0
+    for c, name in enumerate(selector.fitter.residuals.channels):
+        by_channel[name] = {
+            "before": float(np.sqrt(nominal[held, c].mean())),
+            "after": float(np.sqrt(np.nan_to_num(selection.best.fit.held[held, c]).mean())),
+        }
+    return {
+        "before": float(before[0]),
+        "after": float(after[0]),
+        "shrink": float(1.0 - after[0] / before[0]),
+        "ci90": _interval(1.0 - after[1:] / before[1:]),
+        "nuisances_only": float(reference[0]),
+        "by_channel": by_channel,
+    }
+
+
+def _effects(selector: Selector, selection: Selection) -> list[dict[str, Any]]:
+    best, reference = selection.best, selection.reference
+    if best is reference:
+        return []
+    found, position = [], 0
+    deviation = parameter_deviation(best.fit)
+    for i, effect in enumerate(best.fit.hypothesis.effects):
+        parameters = {}
+        for parameter in effect.parameters:
+            value, sd = float(best.fit.x[position]), float(deviation[position])
+            parameters[parameter.name] = {
+                "value": value,
+                "unit": parameter.unit,
+                "ci90": [max(value - 1.645 * sd, parameter.low), min(value + 1.645 * sd, parameter.high)],
+            }
+            position += 1
+        mean, low, high = selection.gains[min(i, len(selection.gains) - 1)]
+        entry: dict[str, Any] = {
+            "name": effect.name,
+            "site": effect.site.name,
+            "parameters": parameters,
+            "gap_gain": mean,
+            "ci90": [low, high],
+            "gap_gain_unit": "nats on held-out data",
+        }
+        if effect.form:
+            entry["form"] = effect.form
+        found.append(entry)
+    return found
+
+
+def parameter_deviation(fit: Fit) -> Array:
+    """Standard error of each parameter: the larger of the fit's own and that of the folds (jackknife)."""
+    own = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    folds = len(fit.fold_x)
+    if folds < 2:
+        return own
+    spread = np.sqrt((folds - 1) / folds * ((fit.fold_x - fit.fold_x.mean(axis=0)) ** 2).sum(axis=0))
+    result: Array = np.maximum(own, spread)
+    return result
+
+
+def _baselines(fitter: Fitter, selector: Selector, selection: Selection, options: Options) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        "nominal": {"gap": selection.nominal_gap},
+        "best_in_sample": best_in_sample(selector, selection.singles, selection.reference),
+        "fit_everything": None,
+    }
+    if options.baselines:
+        found["fit_everything"] = fit_everything(fitter, selector)
+    return found
+
+
+def write_report(report: dict[str, Any], path: str | Path) -> None:
+    """Write diagnosis.json."""
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    Path(path).write_text(json.dumps(report, indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -1,0 +1,1 @@
+"""The effect library: one small class an effect, one file a subsystem."""

@@ -1,0 +1,103 @@
+"""Effects of the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import mujoco
+import numpy as np
+
+from nermo_gap.core.effects.base import Context, Effect, Parameter, Site, named_sites, ratio
+from nermo_gap.core.variant import Variant
+
+Obj = mujoco.mjtObj
+
+
+def colliding(model: mujoco.MjModel) -> tuple[list[int], list[int]]:
+    """(geoms of the world, geoms of moving bodies) that can touch each other."""
+    active = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    still = model.body_weldid[model.geom_bodyid] == 0
+    world, moving = np.flatnonzero(active & still), np.flatnonzero(active & ~still)
+    touches = [
+        int(g)
+        for g in moving
+        if any(
+            model.geom_contype[g] & model.geom_conaffinity[w] or model.geom_contype[w] & model.geom_conaffinity[g]
+            for w in world
+        )
+    ]
+    return ([int(w) for w in world], touches) if touches else ([], [])
+
+
+class GroundFriction(Effect):
+    """The ground is more slippery or rougher, everywhere or under one foot."""
+
+    name = "ground_friction"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        _, feet = colliding(context.model)
+        if not feet:
+            return
+        for site in named_sites(context, Obj.mjOBJ_GEOM, feet) if len(feet) < 9 else [Site("all", tuple(feet))]:
+            if len(feet) > 1 or site.name != "all":
+                yield cls(site, [ratio(tries=(0.25, 0.55, 1.7), low=0.02, high=4.0)])
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        model = variant.model
+        world, _ = colliding(model)
+        for g in self.site.targets:
+            # Contacts take the larger friction of two geoms; a higher priority makes this one's count.
+            friction = np.maximum(model.geom_friction[g], model.geom_friction[world].max(axis=0))
+            model.geom_friction[g] = friction * np.array([values[0], 1.0, 1.0])
+            model.geom_priority[g] = max(int(model.geom_priority[world].max()), 0) + 1
+        pairs = np.isin(model.pair_geom1, self.site.targets) | np.isin(model.pair_geom2, self.site.targets)
+        model.pair_friction[pairs, :2] *= values[0]
+
+
+class GroundSlope(Effect):
+    """The ground is not level: gravity leans, about y (pitch, uphill negative) and x (roll) of the world."""
+
+    name = "ground_slope"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        if np.linalg.norm(context.model.opt.gravity) > 0:
+            bounds = {"neutral": 0.0, "low": -0.4, "high": 0.4, "tries": (0.05,), "scale": 0.03}
+            yield cls(Site("all", ()), [Parameter(n, "rad", **bounds) for n in ("pitch", "roll")])  # type: ignore[arg-type]
+
+    def starts(self) -> list[tuple[float, ...]]:
+        return [(0.06, 0.0), (-0.06, 0.0), (0.0, 0.06), (0.0, -0.06)]
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        lean(variant.model, values[0], values[1])
+
+
+def lean(model: mujoco.MjModel, pitch: float, roll: float) -> None:
+    """Turn gravity by ``pitch`` about y and ``roll`` about x [rad], in place."""
+    cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
+    turn = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]]) @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    model.opt.gravity[:] = turn @ model.opt.gravity
+
+
+class FootCompliance(Effect):
+    """The feet (or the ground) are softer: contacts settle over a longer time."""
+
+    name = "foot_compliance"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        _, feet = colliding(context.model)
+        if feet:
+            for site in named_sites(context, Obj.mjOBJ_GEOM, feet) if len(feet) < 9 else [Site("all", tuple(feet))]:
+                if len(feet) > 1 or site.name != "all":
+                    yield cls(site, [ratio("time_factor", tries=(2.0, 4.0, 8.0), low=0.5, high=30.0)])
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        model = variant.model
+        world, _ = colliding(model)
+        for g in self.site.targets:
+            if model.geom_solref[g, 0] > 0:
+                model.geom_solref[g, 0] *= values[0]
+                model.geom_priority[g] = max(int(model.geom_priority[world].max()), 0) + 1
+                model.geom_friction[g] = np.maximum(model.geom_friction[g], model.geom_friction[world].max(axis=0))

@@ -1,0 +1,160 @@
+"""Effects of friction and inertia at joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import mujoco
+
+from nermo_gap.core.effects.base import (
+    Context,
+    Effect,
+    Parameter,
+    amount,
+    dof_of,
+    joint_units,
+    named_sites,
+    scalar_joints,
+)
+from nermo_gap.core.variant import Variant
+
+Obj = mujoco.mjtObj
+
+
+def _dofs(variant: Variant, joints: Sequence[int]) -> list[int]:
+    return [dof_of(variant.plant.model, j) for j in joints]
+
+
+def _torque(context: Context, joints: Sequence[int]) -> float:
+    return float(max(context.scales.torque[[dof_of(context.model, j) for j in joints]].mean(), 1e-9))
+
+
+class CoulombFriction(Effect):
+    """Dry friction that does not depend on speed or load, beyond what the model has."""
+
+    name = "coulomb_friction"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        for site in named_sites(context, Obj.mjOBJ_JOINT, scalar_joints(context.model)):
+            unit = joint_units(context.model, site.targets[0])[1]
+            yield cls(site, [amount("friction", unit, 0.2 * _torque(context, site.targets))])
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        variant.model.dof_frictionloss[_dofs(variant, self.site.targets)] += values[0]
+
+
+class ViscousFriction(Effect):
+    """Friction in proportion to speed, beyond (or, negative, below) what the model has."""
+
+    name = "viscous_friction"
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        """Damping of the joint is the same number of the model."""
+        return (f"joint_damping@{self.site.name}",)
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        model = context.model
+        joints = [j for j in scalar_joints(model) if model.jnt_stiffness[j] == 0]
+        for site in named_sites(context, Obj.mjOBJ_JOINT, joints):
+            yield cls(site, [_damping(context, site.targets)])
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        dofs = _dofs(variant, self.site.targets)
+        damping = variant.model.dof_damping
+        damping[dofs] = (damping[dofs] + values[0]).clip(min=0.0)
+
+
+class JointDamping(ViscousFriction):
+    """Damping of a compliant joint, beyond (or, negative, below) what the model has."""
+
+    name = "joint_damping"
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        """Viscous friction is the same number of the model."""
+        return (f"viscous_friction@{self.site.name}",)
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        model = context.model
+        joints = [j for j in scalar_joints(model) if model.jnt_stiffness[j] > 0]
+        for site in named_sites(context, Obj.mjOBJ_JOINT, joints):
+            yield cls(site, [_damping(context, site.targets)])
+
+
+def _damping(context: Context, joints: Sequence[int]) -> Parameter:
+    model = context.model
+    dofs = [dof_of(model, j) for j in joints]
+    speed = float(max(context.scales.speed[dofs].mean(), 1e-9))
+    scale = 0.2 * _torque(context, joints) / speed
+    nominal = float(model.dof_damping[dofs].min())
+    angle, force = joint_units(model, joints[0])
+    tries = [0.1, 0.4, 1.5] + ([-0.6 * nominal / scale] if nominal > 0.02 * scale else [])
+    return amount("damping", f"{force} s/{angle}", scale, tries, low=-0.95 * nominal / scale, high=30.0)
+
+
+class StribeckFriction(Effect):
+    """Dry friction that is larger near standstill and falls off over a small speed."""
+
+    name = "stribeck_friction"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        for site in named_sites(context, Obj.mjOBJ_JOINT, scalar_joints(context.model)):
+            angle, force = joint_units(context.model, site.targets[0])
+            torque = _torque(context, site.targets)
+            speed = float(max(context.scales.speed[[dof_of(context.model, j) for j in site.targets]].mean(), 1e-9))
+            yield cls(
+                site,
+                [
+                    amount("static_excess", force, 0.2 * torque, (0.15, 0.5, 1.5)),
+                    amount("coulomb", force, 0.2 * torque, (0.3,)),
+                    Parameter(
+                        "speed", f"{angle}/s", 0.2 * speed, 0.01 * speed, 2.0 * speed, (0.15 * speed,), 0.1 * speed
+                    ),
+                ],
+            )
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        dofs = _dofs(variant, self.site.targets)
+        variant.friction.stribeck[dofs] += values[0]
+        variant.model.dof_frictionloss[dofs] += values[1]
+        variant.friction.stribeck_velocity[dofs] = values[2]
+
+
+class LoadFriction(Effect):
+    """Dry friction in proportion to the torque that the joint's drive transmits, as in gears."""
+
+    name = "load_friction"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        driven = [j for j in scalar_joints(context.model) if context.scales.torque[dof_of(context.model, j)] > 1e-9]
+        for site in named_sites(context, Obj.mjOBJ_JOINT, driven):
+            yield cls(site, [Parameter("coefficient", "1", 0.0, 0.0, 0.9, (0.04, 0.12, 0.35), 0.1)])
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        variant.friction.load[_dofs(variant, self.site.targets)] += values[0]
+
+
+class Armature(Effect):
+    """Inertia of motor and gear as felt at the joint, beyond (or below) what the model has."""
+
+    name = "armature"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        model = context.model
+        for site in named_sites(context, Obj.mjOBJ_JOINT, scalar_joints(model)):
+            dofs = [dof_of(model, j) for j in site.targets]
+            scale = 0.3 * float(context.scales.inertia[dofs].mean())
+            nominal = float(model.dof_armature[dofs].min())
+            unit = "kg m^2" if joint_units(model, site.targets[0])[0] == "rad" else "kg"
+            tries = [0.2, 0.7, 2.5] + ([-0.6 * nominal / scale] if nominal > 0.05 * scale else [])
+            yield cls(site, [amount("inertia", unit, scale, tries, low=-0.9 * nominal / scale, high=30.0)])
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        variant.model.dof_armature[_dofs(variant, self.site.targets)] += values[0]

@@ -1,0 +1,104 @@
+"""Effects of compliant joints and their range."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import mujoco
+import numpy as np
+
+from nermo_gap.core.effects.base import (
+    Context,
+    Effect,
+    Parameter,
+    amount,
+    dof_of,
+    joint_units,
+    named_sites,
+    ratio,
+    scalar_joints,
+)
+from nermo_gap.core.variant import Variant
+
+Obj = mujoco.mjtObj
+_LIMIT_SOLREF = (0.004, 1.0)
+"""A stop is hard; MuJoCo's default of 0.02 s lets a small range pass."""
+
+
+def _sprung(model: mujoco.MjModel) -> list[int]:
+    return [j for j in scalar_joints(model) if model.jnt_stiffness[j] > 0]
+
+
+class JointStiffness(Effect):
+    """The spring of a joint is softer (fatigue, another material) or stiffer; a joint without one gains a spring."""
+
+    name = "joint_stiffness"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        model = context.model
+        for site in named_sites(context, Obj.mjOBJ_JOINT, _sprung(model)):
+            yield cls(site, [ratio(tries=(0.4, 0.7, 1.4, 2.0), low=0.02)], "factor")
+        for site in named_sites(context, Obj.mjOBJ_JOINT, set(scalar_joints(model)) - set(_sprung(model))):
+            dofs = [dof_of(model, j) for j in site.targets]
+            swing = float(np.mean(context.scales.high[dofs] - context.scales.low[dofs])) or 1.0
+            angle, force = joint_units(model, site.targets[0])
+            size = 0.4 * float(max(context.scales.torque[dofs].mean(), 1e-9)) / swing
+            yield cls(site, [amount("stiffness", f"{force}/{angle}", size)], "added")
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        targets = list(self.site.targets)
+        if self.form == "factor":
+            variant.model.jnt_stiffness[targets] *= values[0]
+        else:
+            variant.model.jnt_stiffness[targets] += values[0]
+
+
+class JointRestAngle(Effect):
+    """The spring of a joint rests elsewhere (lost pretension, creep)."""
+
+    name = "joint_rest_angle"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        for site in named_sites(context, Obj.mjOBJ_JOINT, _sprung(context.model)):
+            unit = joint_units(context.model, site.targets[0])[0]
+            size = 0.1 if unit == "rad" else 0.005
+            yield cls(site, [amount("shift", unit, size, (-2.0, -0.5, 0.5, 2.0), low=-15.0, high=15.0)])
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        addresses = variant.plant.model.jnt_qposadr[list(self.site.targets)]
+        variant.model.qpos_spring[addresses] += values[0]
+
+
+class JointRange(Effect):
+    """A stop that the model does not have ends the joint's motion above or below."""
+
+    name = "joint_range"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        model = context.model
+        for site in named_sites(context, Obj.mjOBJ_JOINT, scalar_joints(model)):
+            dofs = [dof_of(model, j) for j in site.targets]
+            low, high = float(context.scales.low[dofs].min()), float(context.scales.high[dofs].max())
+            swing, unit = high - low, joint_units(model, site.targets[0])[0]
+            if swing <= 0:
+                continue
+            # A real stop shows as the end of what was measured, so that is where to start.
+            upper = Parameter(
+                "upper", unit, high + swing, high - 0.6 * swing, high + swing, (high, high - 0.1 * swing), 0.1 * swing
+            )
+            lower = Parameter(
+                "lower", unit, low - swing, low - swing, low + 0.6 * swing, (low, low + 0.1 * swing), 0.1 * swing
+            )
+            yield cls(site, [upper], "upper")
+            yield cls(site, [lower], "lower")
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        model = variant.model
+        for j in self.site.targets:
+            low, high = model.jnt_range[j] if model.jnt_limited[j] else (-1e3, 1e3)
+            model.jnt_range[j] = [low, min(high, values[0])] if self.form == "upper" else [max(low, values[0]), high]
+            model.jnt_limited[j] = 1
+            model.jnt_solref[j] = _LIMIT_SOLREF

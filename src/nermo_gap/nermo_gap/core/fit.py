@@ -1,0 +1,338 @@
+"""Fitting a hypothesis: its effects together with all nuisances under their priors.
+
+The data term is that of residuals whose size is unknown but not below the noise floor: for each channel
+n W log(mean over windows of sqrt(1 + s_w)), with s_w the mean square of the whitened residual in window w, W the number
+of windows and n the effective number of independent samples in one. It is scale-free (a channel whose noise floor is a
+thousandth of its gap does not drown the others), bounded below by the noise floor, and not decided by a few wild
+windows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from nermo_gap.core.effects.base import Effect
+from nermo_gap.core.nuisance import BOX, Nuisance, apply_nuisances
+from nermo_gap.core.residual import Residuals
+from nermo_gap.core.variant import Variant
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_STEP = 0.02
+"""Finite-difference step of an effect's parameter, in its scale."""
+_NUISANCE_STEP = 0.02
+"""The same of a nuisance, in standard deviations of its prior. Small: an effect and its imitation differ by
+what a longer step bends."""
+_FOLD_TRIALS = (1.0, 0.3)
+_STRAINED = 1.0
+"""[nats] Nuisances that cost more than this may have swallowed a part of an effect."""
+_VALLEY = 0.05
+"""[nats] Polishing ends when a round gains less."""
+_TRIALS = (1.0, 0.4, 0.12)
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of effects that act together; none of them is the nominal model with its nuisances."""
+
+    effects: tuple[Effect, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """Names of the effects."""
+        return " + ".join(sorted(repr(e) for e in self.effects)) or "nuisances only"
+
+    @property
+    def size(self) -> int:
+        """Number of parameters of the effects."""
+        return sum(len(e.parameters) for e in self.effects)
+
+    def vector(self, attribute: str) -> Array:
+        """An attribute of all parameters in order."""
+        return np.array([getattr(p, attribute) for e in self.effects for p in e.parameters], float)
+
+    def with_effect(self, effect: Effect) -> Hypothesis:
+        """With one effect more."""
+        return Hypothesis((*self.effects, effect))
+
+
+@dataclass
+class Fit:
+    """A fitted hypothesis.
+
+    Attributes:
+        x: values of the effects' parameters.
+        z: nuisances [standard deviations of their priors].
+        cost: data term plus prior term over the fitted windows.
+        residual: (nw, ns, nl) at (x, z).
+        effect_jacobian: (ne, nw, ns, nl) by scaled parameter.
+        held: (nw, nl) mean squares of each window under the fit that has not seen its fold; NaN where never held out.
+        fold_x: (nf, ne) values of each fold's fit.
+        covariance: of x.
+    """
+
+    hypothesis: Hypothesis
+    x: Array
+    z: Array
+    cost: float
+    residual: Array
+    effect_jacobian: Array
+    held: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    fold_x: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def prior(self) -> float:
+        """Cost of the nuisances."""
+        return 0.5 * float(self.z @ self.z)
+
+
+class Fitter:
+    """Fits hypotheses on one recording. Nuisance sensitivities are shared by all fits and refreshed on demand."""
+
+    def __init__(self, residuals: Residuals, nuisances: Sequence[Nuisance]) -> None:
+        self.residuals, self.nuisances = residuals, list(nuisances)
+        self.windows = residuals.replayer.windows
+        self.base = Variant.nominal(residuals.replayer.plant)
+        self.count = np.maximum(residuals.mask.sum(axis=1), 1).astype(float)
+        self.recorded: NDArray[np.bool_] = np.asarray(residuals.mask.any(axis=1))
+        self.independent = np.full(residuals.mask.shape[2], 4.0)
+        self.jacobian = np.zeros((len(self.nuisances), *residuals.mask.shape), np.float32)
+        self.nominal: Fit | None = None
+
+    # -- model ---------------------------------------------------------------------------------------------------
+
+    def variant(self, hypothesis: Hypothesis, x: Array, z: Array) -> Variant:
+        """The model of a hypothesis at given parameters."""
+        made = self.base.copy()
+        apply_nuisances(self.nuisances, made, z)
+        position = 0
+        for effect in hypothesis.effects:
+            n = len(effect.parameters)
+            effect.apply(made, tuple(float(v) for v in x[position : position + n]))
+            position += n
+        return made
+
+    def replay(
+        self, hypothesis: Hypothesis, points: Sequence[tuple[Array, Array]], select: Ints | None = None
+    ) -> Array:
+        """Residuals (n, nw, ns, nl) at points (x, z)."""
+        return self.residuals.of([self.variant(hypothesis, x, z) for x, z in points], select)
+
+    # -- cost ----------------------------------------------------------------------------------------------------
+
+    def mean_square(self, residual: Array, select: Ints | None = None) -> Array:
+        """Mean square (..., nw, nl) of residuals (..., nw, ns, nl) over the recorded samples."""
+        count = self.count if select is None else self.count[select]
+        square: Array = (residual**2).sum(axis=-2) / count
+        return square
+
+    def data_cost(self, square: Array, select: Ints | None = None) -> Array:
+        """The data term (...) of mean squares (..., nw, nl)."""
+        recorded = self.recorded if select is None else self.recorded[select]
+        windows = np.maximum(recorded.sum(axis=0), 1)
+        amplitude = np.where(recorded, np.sqrt(1.0 + square), 0.0).sum(axis=-2) / windows
+        cost: Array = (self.independent * windows * np.log(np.maximum(amplitude, 1.0))).sum(axis=-1)
+        return cost
+
+    def weights(self, square: Array, select: Ints | None = None) -> Array:
+        """Weight (nw, nl) of a squared sample, such that the weighted sum of squares has the data term's slope."""
+        recorded = self.recorded if select is None else self.recorded[select]
+        count = self.count if select is None else self.count[select]
+        root = np.sqrt(1.0 + square)
+        amplitude = np.where(recorded, root, 0.0).sum(axis=0) / np.maximum(recorded.sum(axis=0), 1)
+        weight: Array = np.where(recorded, self.independent / (count * amplitude * root), 0.0)
+        return weight
+
+    def estimate_independent(self, residual: Array) -> None:
+        """Set the effective number of independent samples in a window from a residual's autocorrelation."""
+        ns = residual.shape[1]
+        lags = np.arange(1, max(ns // 2, 2))
+        for c in range(residual.shape[2]):
+            r = residual[..., c] / (1e-12 + np.sqrt((residual[..., c] ** 2).mean(axis=1, keepdims=True)))
+            power = float((r * r).mean())
+            rho = np.array([float((r[:, :-k] * r[:, k:]).mean()) / max(power, 1e-12) for k in lags])
+            ends = np.flatnonzero(rho < 0.05)
+            total = rho[: ends[0]].sum() if len(ends) else rho.sum()
+            self.independent[c] = float(np.clip(ns / (1.0 + 2.0 * total), 2.0, 20.0))
+
+    # -- linear algebra ------------------------------------------------------------------------------------------
+
+    def solve(
+        self, residual: Array, effect_jacobian: Array, z: Array, low: Array, high: Array, select: Ints | None = None
+    ) -> tuple[Array, Array, Array]:
+        """One bounded Gauss-Newton step (dx scaled, dz) about a residual; also the normal matrix.
+
+        ``low`` and ``high`` bound the scaled step of the effects; z stays in its box.
+        """
+        nuisance = self.jacobian if select is None else self.jacobian[:, select]
+        square = self.mean_square(residual, select)
+        root = np.sqrt(self.weights(square, select))[:, None, :]
+        ne, nn = len(effect_jacobian), len(nuisance)
+        stacked = np.concatenate([effect_jacobian.reshape(ne, residual.size), nuisance.reshape(nn, residual.size)])
+        stacked = stacked * np.broadcast_to(root, residual.shape).reshape(1, -1)
+        target = (residual * root).reshape(-1)
+        prior = np.diag(np.concatenate([np.full(ne, 1e-6), np.ones(nn)]))
+        normal = stacked @ stacked.T + prior
+        slope = stacked @ target + np.concatenate([np.zeros(ne), z])
+        if ne + nn == 0:
+            return np.zeros(0), np.zeros(0), normal
+        lower = np.concatenate([low, -BOX - z]) - 1e-9
+        upper = np.concatenate([high, BOX - z]) + 1e-9
+        factor = np.linalg.cholesky(normal).T
+        step = lsq_linear(factor, -np.linalg.solve(factor.T, slope), (lower, upper), method="bvls").x
+        return step[:ne], step[ne:], normal
+
+    def refresh(self, hypothesis: Hypothesis, x: Array, z: Array, residual: Array) -> None:
+        """Recompute the nuisance sensitivities about a point whose residual is known."""
+        signs = np.where(z > 0, -1.0, 1.0)
+        points = []
+        for i, s in enumerate(signs):
+            moved = z.copy()
+            moved[i] += s * _NUISANCE_STEP
+            points.append((x, moved))
+        for first in range(0, len(points), 16):
+            part = slice(first, first + 16)
+            shifted = self.replay(hypothesis, points[part])
+            self.jacobian[part] = (shifted - residual) / (signs[part, None, None, None] * _NUISANCE_STEP)
+
+    # -- fits ----------------------------------------------------------------------------------------------------
+
+    def fit_nuisances(self, rounds: int = 2) -> Fit:
+        """The nominal model with its nuisances: the reference of everything."""
+        empty, none = Hypothesis(), np.zeros(0)
+        z = np.zeros(len(self.nuisances))
+        residual = self.replay(empty, [(none, z)])[0]
+        self.estimate_independent(residual)
+        fit = Fit(empty, none, z, self._cost(residual, z), residual, np.zeros((0, *residual.shape)))
+        self.nominal = fit
+        for round_ in range(rounds):
+            self.refresh(empty, none, fit.z, fit.residual)
+            if round_ == 0:
+                self.nominal_jacobian = self.jacobian.copy()
+            fit = self.fit(empty, none, fit.z, iterations=4, known=fit.residual)
+        self.refresh(empty, none, fit.z, fit.residual)
+        self.estimate_independent(fit.residual)
+        return self.fit(empty, none, fit.z, iterations=2, known=fit.residual)
+
+    def polish(self, fit: Fit, rounds: int = 1) -> Fit:
+        """Fit on with nuisance sensitivities computed at the fit itself; those of the fitter stay as they are.
+
+        An effect and the nuisances that can imitate it form a long narrow valley; more rounds follow it further.
+        """
+        kept = self.jacobian.copy()
+        strained = fit.prior > _STRAINED
+        for _ in range(rounds):
+            self.refresh(fit.hypothesis, fit.x, fit.z, fit.residual)
+            better = self.fit(fit.hypothesis, fit.x, fit.z, 4, fit.residual)
+            if strained:
+                # From the other end of the valley: nuisances at rest, the effect as large as it is.
+                rested = self.fit(fit.hypothesis, fit.x, np.zeros_like(fit.z), 4)
+                better, strained = min(better, rested, key=lambda f: f.cost), False
+            gain, fit = fit.cost - better.cost, better
+            if gain < _VALLEY:
+                break
+        fit = self.cross_validate(fit)
+        self.jacobian = kept
+        return fit
+
+    def fit(self, hypothesis: Hypothesis, x: Array, z: Array, iterations: int = 5, known: Array | None = None) -> Fit:
+        """Gauss-Newton with line search from (x, z) on all windows."""
+        scale, low, high = hypothesis.vector("scale"), hypothesis.vector("low"), hypothesis.vector("high")
+        neutral = hypothesis.vector("neutral")
+        x, z = np.clip(x, low, high), z.copy()
+        residual = self.replay(hypothesis, [(x, z)])[0] if known is None else known
+        cost = self._cost(residual, z)
+        jacobian = np.zeros((len(x), *residual.shape))
+        fresh, shared = False, self.jacobian
+        for _ in range(iterations):
+            jacobian, fresh = self._effect_jacobian(hypothesis, x, z, residual, scale, high), True
+            reach = 3.0 + np.abs(x - neutral) / np.maximum(scale, 1e-300)
+            dx, dz, _ = self.solve(
+                residual, jacobian, z, np.maximum((low - x) / scale, -reach), np.minimum((high - x) / scale, reach)
+            )
+            for t in _TRIALS:
+                point = np.clip(x + t * dx * scale, low, high), np.clip(z + t * dz, -BOX, BOX)
+                tried = self.replay(hypothesis, [point])[0]
+                new_cost = self._cost(tried, point[1])
+                if new_cost < cost:
+                    break
+            else:
+                break
+            gain, cost = cost - new_cost, new_cost
+            moved_x, moved_z = (point[0] - x) / np.maximum(scale, 1e-300), point[1] - z
+            missed = tried - residual - np.tensordot(moved_x, jacobian, 1) - np.tensordot(moved_z, self.jacobian, 1)
+            length = float(moved_x @ moved_x + moved_z @ moved_z)
+            if length > 0:
+                # Broyden: what the step taught about the sensitivities is kept for this fit.
+                update = (moved_z / length).astype(np.float32)[:, None, None, None] * missed.astype(np.float32)
+                self.jacobian = self.jacobian + update
+            (x, z), residual, fresh = point, tried, False
+            if gain < 0.2:
+                break
+        self.jacobian = shared
+        if len(x) and not fresh:
+            jacobian = self._effect_jacobian(hypothesis, x, z, residual, scale, high)
+        return Fit(hypothesis, x, z, cost, residual, jacobian)
+
+    def cross_validate(self, fit: Fit) -> Fit:
+        """Score every held-out window with a fit that has not seen its fold; adds held, fold_x and covariance.
+
+        Each fold's fit is one Gauss-Newton step from the common one, taken as far as the windows outside the fold like.
+        """
+        hypothesis, fold = fit.hypothesis, self.windows.fold
+        scale, low, high = hypothesis.vector("scale"), hypothesis.vector("low"), hypothesis.vector("high")
+        bounds = np.maximum((low - fit.x) / scale, -2.0), np.minimum((high - fit.x) / scale, 2.0)
+        # What is left of the common fit's own step is not the fold's doing.
+        rest_x, rest_z, _ = self.solve(fit.residual, fit.effect_jacobian, fit.z, *bounds)
+        trials: list[list[tuple[Array, Array]]] = []
+        for f in range(self.windows.folds):
+            train = np.flatnonzero(fold != f)
+            dx, dz, _ = self.solve(fit.residual[train], fit.effect_jacobian[:, train], fit.z, *bounds, train)
+            dx, dz = (dx - rest_x) * scale, dz - rest_z
+            trials.append(
+                [(np.clip(fit.x + t * dx, low, high), np.clip(fit.z + t * dz, -BOX, BOX)) for t in _FOLD_TRIALS]
+            )
+        squares = self.mean_square(self.replay(hypothesis, [p for t in trials for p in t]))
+        common = self.mean_square(fit.residual)
+        fit.held = np.full(common.shape, np.nan)
+        points = []
+        for f, options in enumerate(trials):
+            train, test = np.flatnonzero(fold != f), np.flatnonzero(fold == f)
+            own = [*squares[f * len(_FOLD_TRIALS) : (f + 1) * len(_FOLD_TRIALS)], common]
+            tried = [*options, (fit.x, fit.z)]
+            costs = [
+                float(self.data_cost(square[train], train)) + 0.5 * float(z @ z)
+                for square, (_, z) in zip(own, tried, strict=True)
+            ]
+            best = int(np.argmin(costs))
+            fit.held[test] = own[best][test]
+            points.append(tried[best])
+        fit.fold_x = np.array([x for x, _ in points]).reshape(len(points), len(fit.x))
+        _, _, normal = self.solve(
+            fit.residual, fit.effect_jacobian, fit.z, np.full(len(fit.x), -1e3), np.full(len(fit.x), 1e3)
+        )
+        fit.covariance = np.linalg.inv(normal)[: len(fit.x), : len(fit.x)] * np.outer(scale, scale)
+        return fit
+
+    def _effect_jacobian(
+        self, hypothesis: Hypothesis, x: Array, z: Array, residual: Array, scale: Array, high: Array
+    ) -> Array:
+        """By scaled parameter, (ne, nw, ns, nl)."""
+        if not len(x):
+            return np.zeros((0, *residual.shape))
+        points, steps = [], np.where(x + _STEP * scale <= high, _STEP, -_STEP)
+        for i, s in enumerate(steps):
+            moved = x.copy()
+            moved[i] += s * scale[i]
+            points.append((moved, z))
+        return (self.replay(hypothesis, points) - residual) / steps[:, None, None, None]
+
+    def _cost(self, residual: Array, z: Array) -> float:
+        return float(self.data_cost(self.mean_square(residual))) + 0.5 * float(z @ z)

@@ -1,0 +1,178 @@
+"""What is never exactly as modelled: the nominal numbers, each with a prior. They are refitted with every candidate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nermo_gap.core.effects.body import gyration, moving_bodies, shift_com
+from nermo_gap.core.effects.contact import colliding, lean
+from nermo_gap.core.plant import Plant, is_servo
+from nermo_gap.core.variant import Variant
+
+Array = NDArray[np.float64]
+
+MASS, COM, INERTIA = 0.07, 0.06, 0.10
+PASSIVE = 0.12
+"""Damping, friction loss, stiffness, armature: factors of the nominal value."""
+GAIN = 0.07
+CONTACT = 0.15
+TILT = 0.008
+"""[rad]"""
+TIMING = 0.25
+"""Of a sample period plus a time step: neither stamps nor a coarse step against a continuous robot are better."""
+ZERO = 0.004
+"""[rad or m] of a position sensor's zero, as a share of its range of motion where that is smaller."""
+BOX = 2.0
+"""Nuisances stay within this many standard deviations: what lies beyond is an effect."""
+_MANY = 12
+"""Models with more bodies share their mass nuisances by group."""
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """One nominal number; ``apply(variant, z)`` moves it by z standard deviations of its prior, in place."""
+
+    name: str
+    apply: Callable[[Variant, float], None]
+
+
+def enumerate_nuisances(plant: Plant, output_swing: Array, period: float) -> list[Nuisance]:
+    """The nuisances of a plant.
+
+    ``output_swing`` (no,) is each output's spread in the recording, ``period`` [s] that of its samples.
+    """
+    model = plant.model
+    found = [Nuisance("timing of inputs", _timing(TIMING * (period + float(model.opt.timestep))))]
+    bodies = moving_bodies(model)
+    for group in [[b] for b in bodies] if len(bodies) <= _MANY else [bodies]:
+        label = model.body(group[0]).name or f"body_{group[0]}" if len(group) == 1 else "all"
+        found.append(Nuisance(f"mass {label}", _mass(group)))
+        if len(group) == 1:
+            size = gyration(model, group[0])
+            found += [Nuisance(f"com {label} {a}", _com(group[0], i, COM * size)) for i, a in enumerate("xyz")]
+            found.append(Nuisance(f"inertia {label}", _field("body_inertia", group, INERTIA)))
+    for field, label, sd in (
+        ("dof_damping", "damping", PASSIVE),
+        ("dof_frictionloss", "friction", PASSIVE),
+        ("dof_armature", "armature", PASSIVE),
+        ("jnt_stiffness", "stiffness", PASSIVE),
+        ("tendon_stiffness", "tendon stiffness", PASSIVE),
+        ("tendon_damping", "tendon damping", PASSIVE),
+        ("tendon_frictionloss", "tendon friction", PASSIVE),
+    ):
+        found += [
+            Nuisance(f"{label} {i}", _field(field, [int(i)], sd)) for i in np.flatnonzero(getattr(model, field) > 0)
+        ]
+    for a in range(model.nu):
+        if any(c.actuator == a for c in plant.inputs):
+            name = model.actuator(a).name or str(a)
+            found.append(Nuisance(f"gain {name}", _gain(a)))
+            if is_servo(model, a, 1) and model.actuator_biasprm[a, 2] != 0:
+                found.append(Nuisance(f"rate gain {name}", _rate_gain(a)))
+    for i, channel in enumerate(plant.inputs):
+        if channel.actuator < 0:
+            found.append(Nuisance(f"scale {channel.name}", _input_scale(i)))
+    world, feet = colliding(model)
+    if feet:
+        found.append(Nuisance("ground friction", _ground(world, feet)))
+        found.append(Nuisance("contact softness", _softness(world, feet)))
+    if np.linalg.norm(model.opt.gravity) > 0:
+        found += [Nuisance("pitch of gravity", lambda v, z: lean(v.model, TILT * z, 0.0))]
+        found += [Nuisance("roll of gravity", lambda v, z: lean(v.model, 0.0, TILT * z))]
+    for i, output in enumerate(plant.outputs):
+        if output.qpos >= 0:
+            found.append(Nuisance(f"zero {output.name}", _zero(i, min(ZERO, 0.02 * float(output_swing[i])))))
+    return found
+
+
+def apply_nuisances(nuisances: Sequence[Nuisance], variant: Variant, z: Array) -> None:
+    """Enter all nuisances into a variant, in place."""
+    for nuisance, value in zip(nuisances, z, strict=True):
+        if value != 0.0:
+            nuisance.apply(variant, float(value))
+
+
+def _field(field: str, rows: Sequence[int], sd: float) -> Callable[[Variant, float], None]:
+    def apply(variant: Variant, z: float) -> None:
+        getattr(variant.model, field)[list(rows)] *= np.exp(sd * z)
+
+    return apply
+
+
+def _mass(bodies: Sequence[int]) -> Callable[[Variant, float], None]:
+    def apply(variant: Variant, z: float) -> None:
+        variant.model.body_mass[list(bodies)] *= np.exp(MASS * z)
+        variant.model.body_inertia[list(bodies)] *= np.exp(MASS * z)
+
+    return apply
+
+
+def _com(body: int, axis: int, sd: float) -> Callable[[Variant, float], None]:
+    def apply(variant: Variant, z: float) -> None:
+        shift_com(variant.model, body, sd * z * np.eye(3)[axis])
+
+    return apply
+
+
+def _gain(actuator: int) -> Callable[[Variant, float], None]:
+    def apply(variant: Variant, z: float) -> None:
+        factor, model = np.exp(GAIN * z), variant.model
+        model.actuator_gainprm[actuator, 0] *= factor
+        if is_servo(model, actuator, 1):
+            model.actuator_biasprm[actuator, 1] *= factor
+        elif is_servo(model, actuator, 2):
+            model.actuator_biasprm[actuator, 2] *= factor
+
+    return apply
+
+
+def _rate_gain(actuator: int) -> Callable[[Variant, float], None]:
+    def apply(variant: Variant, z: float) -> None:
+        variant.model.actuator_biasprm[actuator, 2] *= np.exp(PASSIVE * z)
+
+    return apply
+
+
+def _input_scale(channel: int) -> Callable[[Variant, float], None]:
+    def apply(variant: Variant, z: float) -> None:
+        variant.inputs.scale[channel] *= np.exp(GAIN * z)
+
+    return apply
+
+
+def _timing(sd: float) -> Callable[[Variant, float], None]:
+    def apply(variant: Variant, z: float) -> None:
+        variant.inputs.delay += sd * z
+
+    return apply
+
+
+def _ground(world: Sequence[int], feet: Sequence[int]) -> Callable[[Variant, float], None]:
+    rows = [*world, *feet]
+
+    def apply(variant: Variant, z: float) -> None:
+        variant.model.geom_friction[rows, 0] *= np.exp(CONTACT * z)
+        variant.model.pair_friction[:, :2] *= np.exp(CONTACT * z)
+
+    return apply
+
+
+def _softness(world: Sequence[int], feet: Sequence[int]) -> Callable[[Variant, float], None]:
+    rows = [*world, *feet]
+
+    def apply(variant: Variant, z: float) -> None:
+        times = variant.model.geom_solref[rows, 0]
+        variant.model.geom_solref[rows, 0] = np.where(times > 0, times * np.exp(CONTACT * z), times)
+
+    return apply
+
+
+def _zero(channel: int, sd: float) -> Callable[[Variant, float], None]:
+    def apply(variant: Variant, z: float) -> None:
+        variant.outputs.bias[channel] += sd * z
+
+    return apply

@@ -1,0 +1,469 @@
+"""The engine: recorded inputs through many variants of the model at once, in short windows that start at the robot.
+
+One mujoco.batch.Batch holds a simulation for each (variant, window) pair; the loop over time steps is in Python and
+vectorised over the simulations. During the warm-up all measured coordinates follow the measurement, so that what is
+not measured (contacts, tendons, servo states) settles; then the simulation runs free over the scored horizon.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco import batch as mjbatch
+from numpy.typing import NDArray
+
+from nermo_gap.core.align import Aligned
+from nermo_gap.core.plant import Plant, euler_angles
+from nermo_gap.core.servo_step import ServoStep, load_friction, needs_friction_step
+from nermo_gap.core.signal_path import inverse_outputs, shape_inputs
+from nermo_gap.core.state import MeasuredState, measured_state
+from nermo_gap.core.variant import InputPath, OutputPath, Variant
+from nermo_gap.core.windows import Windows
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_MAX_BYTES = 150e6
+_MAX_SIMS = 1500
+_FATAL = tuple(int(getattr(mujoco.mjtWarning, f"mjWARN_{w}")) for w in ("INERTIA", "BADQPOS", "BADQVEL", "BADQACC"))
+_SKIPPED = ("name", "cam_", "light_", "mat_", "flex", "tex", "key_", "text", "tuple", "numeric", "plugin", "bvh")
+_FIELDS = tuple(sorted(f for f in mjbatch.MODEL_FIELDS if not f.startswith(_SKIPPED)))
+
+
+@dataclass(frozen=True)
+class _Row:
+    """What one variant needs to run: the model fields in which it differs and indices of its shared signals."""
+
+    fields: dict[str, NDArray[np.generic]]
+    inputs: int
+    state: int
+
+
+class Replayer:
+    """Replays windows of one recording.
+
+    Results depend on nothing but the arguments: the same pairs give the same bits at any number of threads.
+    """
+
+    def __init__(
+        self, plant: Plant, aligned: Aligned, windows: Windows, floor: Array, threads: int | None = None
+    ) -> None:
+        self.plant, self.aligned, self.windows, self.floor = plant, aligned, windows, floor
+        self.threads = threads or min(os.cpu_count() or 1, 8)
+        self.base = _const(plant.model)
+        self._inputs: dict[bytes, Array] = {}
+        self._states: dict[bytes, MeasuredState] = {}
+        self.simulated_seconds = 0.0
+        dt, period = float(plant.model.opt.timestep), aligned.period
+        self._dt = dt
+        self._lead_steps = round(windows.warm_up * period / dt)
+        self._times = (windows.warm_up + windows.sample) * period
+        self._steps = int(np.ceil(self._times[-1] / dt)) + 2
+        self._run_start = np.zeros(len(windows), np.int64)
+        self._run_stop = np.zeros(len(windows), np.int64)
+        for run in aligned.runs:
+            inside = (windows.start >= run.start) & (windows.start < run.stop)
+            self._run_start[inside], self._run_stop[inside] = run.start, run.stop
+        self.state = self._measured(OutputPath.neutral(plant))
+        self._start: Array | None = None
+        if not self.state.complete(plant.model):
+            self._start = self._observe()
+
+    # -- what is asked for ---------------------------------------------------------------------------------------
+
+    def run(self, variants: Sequence[Variant], select: Ints | None = None) -> Array:
+        """Outputs of every variant in every (selected) window, (nv, nw, ns, no); NaN where a simulation broke down."""
+        chosen = np.arange(len(self.windows)) if select is None else np.asarray(select)
+        which = np.repeat(np.arange(len(variants)), len(chosen))
+        flat = self.run_pairs(variants, which, np.tile(chosen, len(variants)))
+        return flat.reshape(len(variants), len(chosen), *flat.shape[1:])
+
+    def run_pairs(
+        self,
+        variants: Sequence[Variant],
+        which: Ints,
+        window: Ints,
+        shift: Array | None = None,
+        rate_shift: Array | None = None,
+    ) -> Array:
+        """Outputs (n, ns, no) of n (variant, window) pairs.
+
+        ``shift`` and ``rate_shift`` (n, nm) are added to the measured coordinates and rates where a window starts.
+        """
+        rows, shared_inputs, shared_states = self._prepare(variants)
+        out = np.empty((len(which), len(self.windows.sample), len(self.plant.outputs)))
+        per_sim = 8.0 * self._steps * (self.plant.model.nsensordata + self.plant.model.nu + self.plant.model.nv)
+        size = int(np.clip(_MAX_BYTES / per_sim, 16, _MAX_SIMS))
+        # Which way a pair runs depends on its variant alone, so that its company changes no bit.
+        slow = np.array([needs_steps(v) for v in variants])[which]
+        for stepwise in (False, True):
+            chosen = np.flatnonzero(slow == stepwise)
+            for first in range(0, len(chosen), size):
+                part = chosen[first : first + size]
+                moved, faster = (None if s is None else s[part] for s in (shift, rate_shift))
+                with quiet_mujoco():
+                    out[part] = self._chunk(
+                        variants, rows, shared_inputs, shared_states, which[part], window[part], moved, faster, stepwise
+                    )
+        self.simulated_seconds += len(which) * self._steps * self._dt
+        return out
+
+    def probe(self, variant: Variant, fields: Sequence[str]) -> dict[str, Array]:
+        """Fields of MjData over the scored part of all windows, {field: (samples, size)}."""
+        rows, shared_inputs, shared_states = self._prepare([variant])
+        kept: dict[str, list[Array]] = {f: [] for f in fields}
+        which, window = np.zeros(len(self.windows), np.int64), np.arange(len(self.windows))
+        with quiet_mujoco():
+            self._chunk([variant], rows, shared_inputs, shared_states, which, window, None, None, True, kept)
+        return {f: np.nan_to_num(np.concatenate(v)) for f, v in kept.items()}
+
+    # -- preparation ---------------------------------------------------------------------------------------------
+
+    def _measured(self, path: OutputPath) -> MeasuredState:
+        key = path.key()
+        if key not in self._states:
+            if len(self._states) > 200:
+                self._states.clear()
+            outputs = None if path.is_static_neutral() else inverse_outputs(self.aligned, path)
+            self._states[key] = measured_state(self.plant, self.aligned, self.floor, outputs)
+        return self._states[key]
+
+    def _prepare(self, variants: Sequence[Variant]) -> tuple[list[_Row], Array, list[MeasuredState]]:
+        input_keys: dict[bytes, int] = {}
+        state_keys: dict[bytes, int] = {}
+        paths: list[InputPath] = []
+        states: list[MeasuredState] = []
+        rows: list[_Row] = []
+        for variant in variants:
+            key = variant.inputs.key()
+            if key not in input_keys:
+                input_keys[key] = len(paths)
+                paths.append(variant.inputs)
+            out_key = variant.outputs.key()
+            if out_key not in state_keys:
+                state_keys[out_key] = len(states)
+                states.append(self._measured(variant.outputs))
+            rows.append(_Row(self._differences(variant.model), input_keys[key], state_keys[out_key]))
+        return rows, shape_inputs(self.aligned, paths), states
+
+    def _differences(self, model: mujoco.MjModel) -> dict[str, NDArray[np.generic]]:
+        changed = _const(model)
+        different = {}
+        for field in _FIELDS:
+            mine, base = _field(changed, field), _field(self.base, field)
+            if not np.array_equal(mine, base):
+                different[field] = np.array(mine)
+        return different
+
+    def _batch(self, rows: Sequence[_Row], which: Ints) -> mjbatch.Batch:
+        batch = mjbatch.Batch(self.base, len(which), self.threads)
+        for field in sorted(set().union(*(rows[v].fields for v in np.unique(which)))):
+            values = batch.expand(field)
+            for v in np.unique(which):
+                if field in rows[v].fields:
+                    values[which == v] = rows[v].fields[field]
+        return batch
+
+    # -- the loop ------------------------------------------------------------------------------------------------
+
+    def _chunk(
+        self,
+        variants: Sequence[Variant],
+        rows: Sequence[_Row],
+        shared_inputs: Array,
+        states: Sequence[MeasuredState],
+        which: Ints,
+        window: Ints,
+        shift: Array | None,
+        rate_shift: Array | None,
+        stepwise: bool,
+        probe: dict[str, list[Array]] | None = None,
+    ) -> Array:
+        batch = self._batch(rows, which)
+        batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        if self._start is not None:
+            batch.state[:] = self._start[window]
+        mine = [variants[v] for v in which]
+        drive = _Drive(self, variants, rows, shared_inputs, which, self.windows.start[window] - self.windows.warm_up)
+        drive.limits(self._run_start[window], self._run_stop[window])
+        follow = _Follow(states, np.array([rows[v].state for v in which]), drive.origin, batch)
+        history = np.empty((len(which), self._steps, self.plant.model.nsensordata))
+        failed = np.zeros(len(which), bool)
+        if stepwise:
+            self._step_through(batch, mine, drive, follow, history, failed, shift, rate_shift, probe)
+        else:
+            self._roll_out(batch, drive, follow, history, failed, shift, rate_shift)
+        warned = batch.warning[:, :, 1].astype(np.int64)
+        failed |= (warned[:, list(_FATAL)] > 0).any(axis=1)
+        outputs = self._sample(history, mine)
+        outputs[failed] = np.nan
+        return outputs
+
+    def _roll_out(
+        self,
+        batch: mjbatch.Batch,
+        drive: _Drive,
+        follow: _Follow,
+        history: Array,
+        failed: NDArray[np.bool_],
+        shift: Array | None,
+        rate_shift: Array | None,
+    ) -> None:
+        """The free run in one call, for variants whose inputs do not depend on the state."""
+        lead, period = self._lead_steps, self.aligned.period
+        # Where all coordinates are measured and nothing else has a memory, there is nothing to warm up.
+        memory = self.plant.model.na > 0 or batch.bind("history").shape[-1] > 0
+        if memory or not self.state.complete(self.plant.model):
+            for k in range(lead):
+                follow.apply(k * self._dt / period, None, None)
+                batch.ctrl[:], batch.qfrc_applied[:] = drive.at(k * self._dt / period)
+                _try(batch.step, failed)
+        follow.apply(lead * self._dt / period, shift, rate_shift)
+        positions = np.arange(lead, self._steps, dtype=np.float64) * (self._dt / period)
+        control = np.concatenate(drive.at(positions), axis=-1)
+        kinds = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+        found = {"sensordata": np.empty((len(history), self._steps - lead, history.shape[2]))}
+        _try(lambda: batch.rollout(self._steps - lead, control, kinds, ("sensordata",), out=found), failed)
+        history[:, lead:] = found["sensordata"]
+        history[:, :lead] = history[:, lead : lead + 1]
+
+    def _step_through(
+        self,
+        batch: mjbatch.Batch,
+        mine: Sequence[Variant],
+        drive: _Drive,
+        follow: _Follow,
+        history: Array,
+        failed: NDArray[np.bool_],
+        shift: Array | None,
+        rate_shift: Array | None,
+        probe: dict[str, list[Array]] | None,
+    ) -> None:
+        """Warm-up and free run step by step, with servos and frictions that look at the state."""
+        servo = ServoStep(self.plant, mine, self._dt)
+        friction = needs_friction_step(mine)
+        loss = batch.expand("dof_frictionloss") if friction else None
+        base_loss = None if loss is None else loss.copy()
+        force = batch.bind("qfrc_actuator") if friction else None
+        sensors = batch.bind("sensordata")
+        if servo.active:
+            servo.bind(batch)
+        for k in range(self._steps):
+            position = k * self._dt / self.aligned.period
+            if k <= self._lead_steps:
+                last = k == self._lead_steps
+                follow.apply(position, shift if last else None, rate_shift if last else None)
+            control, applied = drive.at(position)
+            if servo.active:
+                control, extra = servo.step(control)
+                applied = applied + extra
+            batch.ctrl[:] = control
+            batch.qfrc_applied[:] = applied
+            if loss is not None and base_loss is not None and force is not None:
+                loss[:] = load_friction(mine, base_loss, batch.qvel, force + applied)
+            _try(batch.step, failed)
+            history[:, k] = sensors
+            if probe is not None and k > self._lead_steps:
+                for field, values in probe.items():
+                    values.append(np.array(batch.bind(field)))
+
+    def _sample(self, history: Array, variants: Sequence[Variant]) -> Array:
+        """Outputs at the recorded times, (n, ns, no), through each variant's output path."""
+        plant, n = self.plant, history.shape[0]
+        out = np.empty((n, len(self._times), len(plant.outputs)))
+        delay = np.array([v.outputs.delay for v in variants])
+        sims = np.arange(n)[:, None]
+        for i, channel in enumerate(plant.outputs):
+            at = np.clip((self._times[None, :] - delay[:, i : i + 1]) / self._dt, 0.0, self._steps - 1.0)
+            low = np.minimum(at.astype(np.int64), self._steps - 2)
+            share = at - low
+            if channel.euler >= 0:
+                quaternion = history[:, :, channel.address : channel.address + 4]
+                series = np.unwrap(euler_angles(quaternion)[..., channel.euler], axis=1)
+            else:
+                series = history[:, :, channel.address]
+            out[:, :, i] = series[sims, low] * (1.0 - share) + series[sims, low + 1] * share
+        for j, variant in enumerate(variants):
+            for (x, y, z), turn in variant.outputs.turns:
+                out[j][:, [x, y, z]] = out[j][:, [x, y, z]] @ turn.T
+        scale = np.array([v.outputs.scale for v in variants])[:, None, :]
+        bias = np.array([v.outputs.bias for v in variants])[:, None, :]
+        limit = np.array([v.outputs.limit for v in variants])[:, None, :]
+        result: Array = np.clip(out * scale + bias, -limit, limit)
+        return result
+
+    # -- coordinates that are not measured -----------------------------------------------------------------------
+
+    def _observe(self, length: float = 6.0, lead: float = 1.5) -> Array:
+        """State rows (nw, nstate) at the start of each warm-up: the nominal model held to the measurement all along.
+
+        The recording is observed in pieces of ``length`` seconds, each with a run-in of ``lead`` seconds.
+        """
+        period, dt, windows = self.aligned.period, self._dt, self.windows
+        begin = windows.start - windows.warm_up
+        pieces: list[tuple[int, int]] = []
+        for run in self.aligned.runs:
+            step = max(int(length / period), 1)
+            pieces += [(s, run.start) for s in range(run.start, run.stop, step)]
+        origins = np.array([max(s - int(lead / period), r) for s, r in pieces], np.int64)
+        piece_of = np.searchsorted([s for s, _ in pieces], begin, side="right") - 1
+        at = np.rint((begin - origins[piece_of]) * period / dt).astype(np.int64)
+        nominal = Variant.nominal(self.plant)
+        rows, shared_inputs, states = self._prepare([nominal])
+        which = np.zeros(len(pieces), np.int64)
+        batch = self._batch(rows, which)
+        key = 0 if self.plant.model.nkey else -1
+        batch.reset(keyframe=key, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        drive = _Drive(self, [nominal], rows, shared_inputs, which, origins)
+        stops = np.array([next(r.stop for r in self.aligned.runs if r.start <= o < r.stop) for o in origins])
+        drive.limits(np.array([r for _, r in pieces]), stops)
+        follow = _Follow(states, which, origins, batch, stops)
+        found = np.zeros((len(windows), batch.nstate))
+        by_step: dict[int, list[int]] = {}
+        for w, k in enumerate(at):
+            by_step.setdefault(int(k), []).append(w)
+        for k in range(int(at.max(initial=0)) + 1):
+            position = k * dt / period
+            follow.apply(position, None, None)
+            for w in by_step.get(k, ()):
+                found[w] = batch.state[piece_of[w]]
+            batch.ctrl[:], batch.qfrc_applied[:] = drive.at(position)
+            batch.step()
+        return found
+
+
+class _Drive:
+    """Controls and applied joint forces of every simulation at a position (in grid rows) after its origin."""
+
+    def __init__(
+        self,
+        replayer: Replayer,
+        variants: Sequence[Variant],
+        rows: Sequence[_Row],
+        shared: Array,
+        which: Ints,
+        origin: Ints,
+    ) -> None:
+        plant = replayer.plant
+        self._shared, self.origin = shared, origin
+        self._path = np.array([rows[v].inputs for v in which])[:, None]
+        period = replayer.aligned.period
+        # A held command is a staircase of time steps; the line through the middles of its stairs does the same work
+        # and moves smoothly with the delay.
+        half_stair = 0.5 * max(1.0 - replayer._dt / period, 0.0)
+        hold = np.array([0.0 if c.linear else half_stair for c in plant.inputs])
+        self._lag = np.array([variants[v].inputs.delay for v in which]) / period + hold
+        self._channels = np.arange(len(plant.inputs))[None, :]
+        self._to_control = np.zeros((len(plant.inputs), plant.model.nu))
+        self._to_force = np.zeros((len(plant.inputs), plant.model.nv))
+        for i, channel in enumerate(plant.inputs):
+            if channel.actuator >= 0:
+                self._to_control[i, channel.actuator] = 1.0
+            else:
+                self._to_force[i, channel.dof] = 1.0
+        self._low = self._high = np.zeros((len(which), 1), np.int64)
+
+    def limits(self, low: Ints, high: Ints) -> None:
+        """Rows [low, high) of the run that each simulation belongs to."""
+        self._low, self._high = low[:, None], high[:, None] - 2
+
+    def at(self, position: float | Array) -> tuple[Array, Array]:
+        """(ctrl (n, nu), joint forces (n, nv)) at a position; (n, k, ...) at k positions."""
+        several = np.ndim(position) > 0
+        moment = np.asarray(position)[None, :, None] if several else position
+        extend = (lambda a: a[:, None, :]) if several else (lambda a: a)
+        row = extend(self.origin[:, None] - self._lag) + moment
+        row = np.clip(row, extend(self._low), extend(self._high + 1))
+        floor = np.minimum(row.astype(np.int64), extend(self._high))
+        share = row - floor
+        path = extend(self._path)
+        before = self._shared[path, floor, self._channels]
+        after = self._shared[path, floor + 1, self._channels]
+        values = before + share * (after - before)
+        return values @ self._to_control, values @ self._to_force
+
+
+class _Follow:
+    """Puts the measured coordinates of every simulation where the robot was."""
+
+    def __init__(
+        self,
+        states: Sequence[MeasuredState],
+        index: Ints,
+        origin: Ints,
+        batch: mjbatch.Batch,
+        stops: Ints | None = None,
+    ) -> None:
+        self._index, self._origin, self._batch, self._stops = index, origin, batch, stops
+        first = states[0]
+        self._position = np.stack([s.position for s in states])
+        self._velocity = np.stack([s.velocity for s in states])
+        self._known = first.qpos >= 0
+        self._qpos, self._dof, self._base = first.qpos[self._known], first.dof, first.base
+        self._pose = np.stack([s.pose for s in states])
+        self._twist = np.stack([s.twist for s in states])
+
+    def apply(self, position: float, shift: Array | None, rate_shift: Array | None) -> None:
+        """Overwrite coordinates and rates with the measurement ``position`` rows after the origin."""
+        row = self._origin + int(position)
+        last = self._position.shape[1] - 2 if self._stops is None else self._stops - 2
+        row, share = np.minimum(row, last), (position - int(position))
+        qpos, qvel = self._batch.qpos, self._batch.qvel
+        if len(self._dof):
+            value = _between(self._position, self._index, row, share) + (0.0 if shift is None else shift)
+            rate = _between(self._velocity, self._index, row, share) + (0.0 if rate_shift is None else rate_shift)
+            qpos[:, self._qpos] = value[:, self._known]
+            qvel[:, self._dof] = rate
+        if self._base is not None:
+            pose = _between(self._pose, self._index, row, share)
+            pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
+            qpos[:, self._base[0] : self._base[0] + 7] = pose
+            qvel[:, self._base[1] : self._base[1] + 6] = _between(self._twist, self._index, row, share)
+
+
+def needs_steps(variant: Variant) -> bool:
+    """Whether a variant must be stepped: its servos or frictions look at the state, or its past is sampled."""
+    servos, outputs = variant.servos, variant.outputs
+    looks = servos.dead_band.any() or servos.backlash.any() or servos.sag != 0.0 or outputs.delay.any()
+    return bool(looks) or needs_friction_step([variant])
+
+
+def _try(call: Callable[[], object], failed: NDArray[np.bool_]) -> None:
+    try:
+        call()
+    except mjbatch.SimulationError as error:
+        failed[error.ids] = True
+
+
+def _between(series: Array, index: Ints, row: Ints, share: float) -> Array:
+    before: Array = series[index, row]
+    return before + share * (series[index, row + 1] - before)
+
+
+@contextlib.contextmanager
+def quiet_mujoco() -> Iterator[None]:
+    """Keep MuJoCo from logging simulations that break down: they are counted, and some candidates are meant to fail."""
+    config = mujoco.MjLogConfig.get()
+    console, file = config.logto_console, config.logto_file
+    config.logto_console = config.logto_file = False
+    config.set()
+    try:
+        yield
+    finally:
+        config.logto_console, config.logto_file = console, file
+        config.set()
+
+
+def _const(model: mujoco.MjModel) -> mujoco.MjModel:
+    """``model`` with its derived constants brought up to date, in place."""
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
+
+
+def _field(model: mujoco.MjModel, name: str) -> NDArray[np.generic]:
+    return np.asarray(getattr(model.opt, name[4:]) if name.startswith("opt.") else getattr(model, name))

@@ -1,0 +1,123 @@
+"""The gap, sample by sample: measured minus replayed, in units of the noise floor, with each start forgiven."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from nermo_gap.core.replay import Replayer
+from nermo_gap.core.variant import Variant
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+BROKEN = 1e4
+"""Residual of a simulation that broke down, and the largest that any sample may have."""
+_START_SD = 2.0
+"""Standard errors of the smoother understate how well a window's start is known: it also bends corners."""
+
+
+@dataclass
+class Residuals:
+    """Turns replayed outputs into whitened residuals.
+
+    A window starts where the recording says, which is only as good as its sensors: an error of the start grows with
+    the dynamics and would pass for a gap. Its covariance S S' (S: response of the window to one standard error of each
+    coordinate and rate) is added to that of the noise, and residuals are whitened with (I + S S')^(-1/2).
+
+    Attributes:
+        live: (nl,) indices of the outputs that are compared.
+        mask: (nw, ns, nl) whether a sample was recorded.
+    """
+
+    replayer: Replayer
+    live: Ints
+    measured: Array
+    mask: NDArray[np.bool_]
+    _basis: Array
+    _shrink: Array
+
+    @classmethod
+    def build(cls, replayer: Replayer, reference: Variant, start: bool = True) -> Residuals:
+        """Prepare for one recording; ``reference`` is the variant about which the start's influence is computed."""
+        rows = replayer.windows.rows()
+        live = np.flatnonzero(replayer.aligned.live)
+        measured, mask = replayer.aligned.outputs[rows][..., live], replayer.aligned.valid[rows][..., live]
+        size = mask.shape[1] * mask.shape[2]
+        made = cls(replayer, live, measured, mask, np.zeros((len(rows), size, 0)), np.zeros((len(rows), 0)))
+        if start and len(replayer.state.dof):
+            made.update_start(reference)
+        return made
+
+    @property
+    def channels(self) -> list[str]:
+        """Names of the compared outputs."""
+        return [self.replayer.plant.outputs[i].name for i in self.live]
+
+    def raw(self, outputs: Array, select: Ints | None = None) -> Array:
+        """Whitened by the noise floor alone: (..., nw, ns, nl) from outputs (..., nw, ns, no)."""
+        measured, mask = (self.measured, self.mask) if select is None else (self.measured[select], self.mask[select])
+        simulated = outputs[..., self.live]
+        difference = measured - simulated
+        for i, channel in enumerate(self.live):
+            if self.replayer.plant.outputs[channel].wrapped:
+                difference[..., i] = (difference[..., i] + np.pi) % (2 * np.pi) - np.pi
+        for group in self._quaternions():
+            flip = (measured[..., group] * simulated[..., group]).sum(-1) < 0
+            other = measured[..., group] + simulated[..., group]
+            difference[..., group] = np.where(flip[..., None], other, difference[..., group])
+        whitened = difference / self.replayer.floor[self.live]
+        whitened = np.where(np.isfinite(whitened), whitened, BROKEN)
+        result: Array = np.where(mask, np.clip(whitened, -BROKEN, BROKEN), 0.0)
+        return result
+
+    def whiten(self, raw: Array, select: Ints | None = None) -> Array:
+        """Apply (I + S S')^(-1/2) window by window; same shape."""
+        basis, shrink = (self._basis, self._shrink) if select is None else (self._basis[select], self._shrink[select])
+        if basis.shape[-1] == 0:
+            return raw
+        flat = raw.reshape(*raw.shape[:-2], -1)
+        amounts = np.einsum("wmk,...wm->...wk", basis, flat, optimize=True) * shrink
+        flat = flat - np.einsum("wmk,...wk->...wm", basis, amounts, optimize=True)
+        return flat.reshape(raw.shape)
+
+    def of(self, variants: list[Variant], select: Ints | None = None) -> Array:
+        """Residuals (nv, nw, ns, nl) of variants."""
+        return self.whiten(self.raw(self.replayer.run(variants, select), select), select)
+
+    def update_start(self, reference: Variant) -> None:
+        """Recompute how an error of the start shows, about ``reference``."""
+        state, nw = self.replayer.state, len(self.replayer.windows)
+        nm = len(state.dof)
+        count = 1 + 2 * nm
+        shift, rate_shift = np.zeros((count, nm)), np.zeros((count, nm))
+        shift[1 : 1 + nm] = np.diag(_START_SD * state.position_sd)
+        rate_shift[1 + nm :] = np.diag(_START_SD * state.velocity_sd)
+        window = np.tile(np.arange(nw), count)
+        which = np.zeros(count * nw, np.int64)
+        outputs = self.replayer.run_pairs(
+            [reference], which, window, np.repeat(shift, nw, axis=0), np.repeat(rate_shift, nw, axis=0)
+        )
+        raw = self.raw(outputs.reshape(count, nw, *outputs.shape[1:])).reshape(count, nw, -1)
+        sensitivity = np.moveaxis(raw[1:] - raw[0], 0, -1)
+        basis, scale, _ = np.linalg.svd(sensitivity, full_matrices=False)
+        self._basis, self._shrink = basis, 1.0 - 1.0 / np.sqrt(1.0 + scale**2)
+
+    def _quaternions(self) -> list[list[int]]:
+        """Positions (among the live outputs) of complete quaternions."""
+        groups: dict[str, list[int]] = {}
+        for i, channel in enumerate(self.live):
+            output = self.replayer.plant.outputs[channel]
+            if output.sensor_type == mujoco.mjtSensor.mjSENS_FRAMEQUAT and output.euler < 0:
+                groups.setdefault(output.sensor, []).append(i)
+        return [g for g in groups.values() if len(g) == 4]
+
+
+def channel_gap(residual: Array, mask: NDArray[np.bool_]) -> Array:
+    """Root mean square (..., nl) of residuals (..., nw, ns, nl) over the recorded samples."""
+    count = np.maximum(mask.sum(axis=(-3, -2)), 1)
+    gap: Array = np.sqrt((residual**2).sum(axis=(-3, -2)) / count)
+    return gap

@@ -1,0 +1,58 @@
+"""How strongly a recording moves the robot, measured on a nominal replay."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from nermo_gap.core.effects.base import Scales
+from nermo_gap.core.replay import Replayer
+from nermo_gap.core.variant import Variant
+
+
+def measure_scales(replayer: Replayer, nominal: Variant) -> Scales:
+    """See Scales."""
+    model, aligned = replayer.plant.model, replayer.aligned
+    found = replayer.probe(nominal, ("qfrc_actuator", "qfrc_applied", "qvel", "qpos", "actuator_force"))
+    torque = np.sqrt(((found["qfrc_actuator"] + found["qfrc_applied"]) ** 2).mean(0))
+    speed = np.sqrt((found["qvel"] ** 2).mean(0))
+    # A passive joint's torque: what moves its inertia about.
+    passive = torque < 1e-6 * max(float(torque.max(initial=0.0)), 1e-12)
+    swing = np.ptp(found["qpos"], axis=0)
+    low, high = np.zeros(model.nv), np.zeros(model.nv)
+    for joint in range(model.njnt):
+        if int(model.jnt_type[joint]) in (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)):
+            q, v = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+            low[v], high[v] = np.percentile(found["qpos"][:, q], [0.5, 99.5])
+            if passive[v]:
+                inertial = model.dof_M0[v] * speed[v] ** 2 / max(float(swing[q]), 1e-6)
+                torque[v] = max(inertial, model.jnt_stiffness[joint] * float(swing[q]) / 2)
+    for i, address in enumerate(replayer.state.qpos):
+        if address >= 0:
+            low[replayer.state.dof[i]], high[replayer.state.dof[i]] = np.percentile(
+                replayer.state.position[:, i], [0.2, 99.8]
+            )
+    force = np.percentile(np.abs(found["actuator_force"]), [60, 80, 95], axis=0).T if model.nu else np.zeros((0, 3))
+    tendon_force = np.zeros(model.ntendon)
+    for t in range(model.ntendon):
+        pulls = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON) & (model.actuator_trnid[:, 0] == t)
+        if pulls.any():
+            tendon_force[t] = float(np.sqrt((found["actuator_force"][:, pulls] ** 2).mean()))
+        tendon_force[t] = max(tendon_force[t], float(model.tendon_stiffness[t]) * 0.01)
+    inputs = aligned.inputs - aligned.inputs.mean(0)
+    rates = [np.abs(np.diff(aligned.inputs[r.start : r.stop], axis=0)) / aligned.period for r in aligned.runs]
+    rate = np.percentile(np.concatenate(rates), [60, 80, 95], axis=0).T
+    outputs = np.where(aligned.valid, aligned.outputs, np.nan)
+    return Scales(
+        torque=torque,
+        speed=speed,
+        inertia=np.array(model.dof_M0),
+        low=low,
+        high=high,
+        force=force,
+        tendon_force=tendon_force,
+        input_rms=np.sqrt((inputs**2).mean(0)),
+        input_rate=rate,
+        output_rms=np.nan_to_num(np.nanstd(outputs, axis=0)),
+        output_extreme=np.nan_to_num(np.nanpercentile(np.abs(outputs), 99.8, axis=0)),
+    )

@@ -1,0 +1,118 @@
+"""A first look at every candidate: one replay for each start value on a few windows, nuisances refitted linearly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nermo_gap.core.effects.base import Effect
+from nermo_gap.core.fit import Fit, Fitter
+from nermo_gap.core.nuisance import BOX
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+WINDOWS = 18
+"""Windows used for screening."""
+_BATCH = 24
+
+
+@dataclass(frozen=True)
+class Screened:
+    """A candidate with the start value from which it promises most, and the cost that it promises."""
+
+    effect: Effect
+    x: Array
+    z: Array
+    cost: float
+    response: Array
+    """What the start value changes in the residual, weighted, with what nuisances can imitate taken out; flat."""
+
+
+def informative_windows(fitter: Fitter, fit: Fit, count: int = WINDOWS) -> Ints:
+    """Windows spread over the recording: in each stretch the one with the largest gap."""
+    square = fitter.mean_square(fit.residual)
+    size = np.log1p(square).sum(axis=1)
+    if len(size) <= count:
+        return np.arange(len(size), dtype=np.int64)
+    parts = np.array_split(np.arange(len(size)), count)
+    chosen: Ints = np.array([int(p[np.argmax(size[p])]) for p in parts], np.int64)
+    return chosen
+
+
+def screen(
+    fitter: Fitter,
+    fit: Fit,
+    effects: Sequence[Effect],
+    progress: Callable[[float], None] | None = None,
+) -> list[Screened]:
+    """Rank candidates, each added to ``fit``'s hypothesis; best first.
+
+    The residual at a start value is a true replay; between it and the residual without the effect, and in the
+    nuisances, it is taken for linear. One start is kept for each candidate.
+    """
+    select = informative_windows(fitter, fit)
+    base = fit.residual[select]
+    project = _projector(fitter, base, select)
+    jobs = [(effect, np.array(start)) for effect in effects for start in effect.starts()]
+    best: dict[int, Screened] = {}
+    for first in range(0, len(jobs), _BATCH):
+        part = jobs[first : first + _BATCH]
+        variants = [fitter.variant(fit.hypothesis.with_effect(e), np.concatenate([fit.x, x]), fit.z) for e, x in part]
+        for (effect, x), residual in zip(part, fitter.residuals.of(variants, select), strict=True):
+            share, z, cost = _promise(fitter, fit, base, residual, select)
+            neutral = np.array([p.neutral for p in effect.parameters])
+            start = neutral + np.clip(share, 0.15, 1.5) * (x - neutral)
+            if id(effect) not in best or cost < best[id(effect)].cost:
+                best[id(effect)] = Screened(effect, start, z, cost, project(residual - base))
+        if progress:
+            progress(min(first + _BATCH, len(jobs)) / len(jobs))
+    return sorted(best.values(), key=lambda s: s.cost)
+
+
+def _promise(fitter: Fitter, fit: Fit, base: Array, residual: Array, select: Ints) -> tuple[float, Array, float]:
+    """(share of the start value that fits best, nuisances and cost there), about no effect and about the start."""
+    nuisances = fitter.jacobian[:, select].astype(float)
+    candidates = []
+    response = residual - base
+    for about, low, high in ((base, 0.0, 1.5), (residual, -0.7, 0.5)):
+        dx, dz, _ = fitter.solve(about, response[None], fit.z, np.array([low]), np.array([high]), select)
+        predicted = about + dx[0] * response + np.tensordot(dz, nuisances, 1)
+        z = fit.z + dz
+        cost = float(fitter.data_cost(fitter.mean_square(predicted, select), select)) + 0.5 * float(z @ z)
+        candidates.append((float(dx[0]) + (0.0 if about is base else 1.0), np.clip(z, -BOX, BOX), cost))
+    return min(candidates, key=lambda c: c[2])
+
+
+def _projector(fitter: Fitter, base: Array, select: Ints) -> Callable[[Array], Array]:
+    """A function that weighs a change of the residual and takes out what nuisances within their priors can imitate."""
+    root = np.sqrt(fitter.weights(fitter.mean_square(base, select), select))[:, None, :]
+    nuisances = (fitter.jacobian[:, select] * root).reshape(len(fitter.jacobian), -1).astype(float)
+    factor = np.linalg.cholesky(nuisances @ nuisances.T + np.eye(len(nuisances)))
+
+    def project(change: Array) -> Array:
+        flat = (change * root).reshape(-1)
+        shares = np.linalg.solve(factor.T, np.linalg.solve(factor, nuisances @ flat))
+        result: Array = flat - nuisances.T @ shares
+        return result
+
+    return project
+
+
+def projected_response(fitter: Fitter, fit: Fit, reference: Fit) -> Array:
+    """What a fitted hypothesis changes in the residual, whitened, with what nuisances can imitate taken out; flat."""
+    root = np.sqrt(fitter.weights(fitter.mean_square(reference.residual)))[:, None, :]
+    change = ((fit.residual - reference.residual) * root).reshape(-1)
+    nuisances = (fitter.jacobian * root).reshape(len(fitter.jacobian), -1).astype(float)
+    normal = nuisances @ nuisances.T + np.eye(len(nuisances))
+    projected: Array = change - nuisances.T @ np.linalg.solve(normal, nuisances @ change)
+    return projected
+
+
+def angle(one: Array, two: Array) -> float:
+    """Angle [deg] between two responses, 0 to 180."""
+    norm = float(np.linalg.norm(one) * np.linalg.norm(two))
+    return float(np.degrees(np.arccos(np.clip(one @ two / norm, -1.0, 1.0)))) if norm > 0 else 90.0

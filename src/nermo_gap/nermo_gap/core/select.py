@@ -1,0 +1,259 @@
+"""Which hypothesis: held-out scores, block bootstrap, the one-standard-error rule, forward selection with swaps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nermo_gap.core.effects.base import Effect
+from nermo_gap.core.fit import Fit, Fitter, Hypothesis
+from nermo_gap.core.screen import Screened, screen
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+BOOTSTRAPS = 400
+PER_PARAMETER = 1.0
+"""Price of a parameter [nats], beyond what held-out scoring takes by itself."""
+EVIDENCE = 4.0
+"""An effect must earn this many nats beyond the price of having looked at many candidates (the log of their number)."""
+RELEVANT = 0.10
+"""An effect must take at least this share of the gap (or as much strain off the priors as EVIDENCE)."""
+SURVIVORS = 10
+FINALISTS = 5
+PARTNERS = 6
+HOPELESS = 60.0
+"""[nats] Behind the best in sample by more than this, a candidate is not refitted."""
+MAX_EFFECTS = 3
+
+
+@dataclass
+class Scored:
+    """A fit with its held-out score; smaller is better."""
+
+    fit: Fit
+    score: float
+    gap: float
+
+    @property
+    def key(self) -> str:
+        """Names of its effects."""
+        return self.fit.hypothesis.key
+
+
+@dataclass
+class Selection:
+    """What the competition found.
+
+    Attributes:
+        reference: nuisances only.
+        nominal_gap: held-out gap of the nominal model as it is.
+        best: the winner, which is the reference where no effect earns its place.
+        singles, rivals: scored fits, best first; rivals are those of the winner's size.
+        gains: (mean, 5 %, 95 %) of the score that each accepted effect earned when it was added.
+    """
+
+    reference: Scored
+    nominal_gap: float
+    best: Scored
+    singles: list[Scored] = field(default_factory=list)
+    rivals: list[Scored] = field(default_factory=list)
+    gains: list[tuple[float, float, float]] = field(default_factory=list)
+    screened: list[Screened] = field(default_factory=list)
+
+
+def _score(scored: Scored) -> float:
+    return scored.score
+
+
+class Selector:
+    """Runs the competition on one recording."""
+
+    def __init__(
+        self, fitter: Fitter, effects: Sequence[Effect], seed: int = 0, progress: Progress | None = None
+    ) -> None:
+        self.fitter, self.effects, self._progress = fitter, list(effects), progress
+        windows = fitter.windows
+        scored = np.flatnonzero(windows.fold >= 0)
+        blocks = np.unique(windows.block[scored])
+        rng = np.random.default_rng(seed)
+        draws = rng.integers(0, len(blocks), (BOOTSTRAPS, len(blocks)))
+        times = np.stack([np.bincount(d, minlength=len(blocks)) for d in draws])
+        # How often each window counts in each bootstrap sample, (BOOTSTRAPS + 1, nw); the first row is the data itself.
+        self.draws: Array = np.zeros((BOOTSTRAPS + 1, len(windows)))
+        self.draws[0, scored] = 1.0
+        self.draws[1:, scored] = times[:, np.searchsorted(blocks, windows.block[scored])]
+
+    # -- scores --------------------------------------------------------------------------------------------------
+
+    def costs(self, fit: Fit) -> Array:
+        """Total score of a fit in each bootstrap sample, (BOOTSTRAPS + 1,)."""
+        square = np.nan_to_num(fit.held)
+        weight = self.draws[:, :, None] * self.fitter.recorded[None]
+        total = np.maximum(weight.sum(axis=1), 1.0)
+        amplitude = (weight * np.sqrt(1.0 + square)[None]).sum(axis=1) / total
+        n = self.fitter.independent * self.fitter.recorded[self.draws[0] > 0].sum(axis=0)
+        data = (n * np.log(np.maximum(amplitude, 1.0))).sum(axis=1)
+        result: Array = data + fit.prior + PER_PARAMETER * fit.hypothesis.size
+        return result
+
+    def gaps(self, square: Array) -> Array:
+        """Gap (root mean square of normalised residuals over channels) in each bootstrap sample, from (nw, nl)."""
+        weight = self.draws[:, :, None] * self.fitter.recorded[None]
+        mean = (weight * np.nan_to_num(square)[None]).sum(axis=1) / np.maximum(weight.sum(axis=1), 1.0)
+        result: Array = np.sqrt(mean.mean(axis=1))
+        return result
+
+    def scored(self, fit: Fit) -> Scored:
+        """Score a cross-validated fit."""
+        return Scored(fit, float(self.costs(fit)[0]), float(self.gaps(fit.held)[0]))
+
+    def difference(self, worse: Fit, better: Fit) -> tuple[float, float, float]:
+        """(mean, 5 %, 95 %) of the score that ``better`` gains over ``worse`` [nats], paired by block."""
+        gain = self.costs(worse) - self.costs(better)
+        low, high = np.percentile(gain[1:], [5, 95])
+        return float(gain[0]), float(low), float(high)
+
+    # -- competition ---------------------------------------------------------------------------------------------
+
+    def run(self) -> Selection:
+        """The whole competition."""
+        fitter = self.fitter
+        self._say("nuisances", 0.0)
+        reference = self.scored(fitter.cross_validate(fitter.fit_nuisances()))
+        assert fitter.nominal is not None
+        screened = self._screen_about_nominal()
+        singles = self._fit_all([(Hypothesis((s.effect,)), s) for s in screened[:SURVIVORS]], "fit")
+        singles, reference = self._finals(singles, reference)
+        nominal_square = fitter.mean_square(
+            fitter.replay(Hypothesis(), [(np.zeros(0), np.zeros(len(fitter.nuisances)))])[0]
+        )
+        result = Selection(reference, float(self.gaps(nominal_square)[0]), reference, singles, [], [], screened)
+        self.nominal_square = nominal_square
+        winner = self._simplest(singles)
+        if winner is None or not self._earns(reference, winner, len(screened)):
+            return result
+        winner = self._follow(winner)
+        singles = sorted([winner, *(s for s in singles if s.fit.hypothesis is not winner.fit.hypothesis)], key=_score)
+        result.best, result.rivals = winner, singles
+        result.gains.append(self.difference(reference.fit, winner.fit))
+        while len(result.best.fit.hypothesis.effects) < MAX_EFFECTS and result.best.gap > 1.15:
+            if not self._add(result, screened):
+                break
+        return result
+
+    def _screen_about_nominal(self) -> list[Screened]:
+        """Screen about the untouched nominal model: the nuisances' best fit may have swallowed half of an effect."""
+        fitter = self.fitter
+        assert fitter.nominal is not None
+        kept, fitter.jacobian = fitter.jacobian, fitter.nominal_jacobian
+        screened = screen(fitter, fitter.nominal, self.effects, lambda share: self._say("screen", share))
+        fitter.jacobian = kept
+        return screened
+
+    def _fit_all(
+        self, jobs: Sequence[tuple[Hypothesis, Screened]], label: str, base: Fit | None = None
+    ) -> list[Scored]:
+        fits = []
+        for i, (hypothesis, start) in enumerate(jobs):
+            self._say(label, i / len(jobs))
+            x = start.x if base is None else np.concatenate([base.x, start.x])
+            fits.append(self.fitter.fit(hypothesis, x, start.z))
+        fits.sort(key=lambda f: f.cost)
+        for i, fit in enumerate(fits):
+            # Whoever loses in sample by far need not be scored held out: in sample flatters.
+            if i < FINALISTS and fit.cost < fits[0].cost + HOPELESS:
+                self.fitter.cross_validate(fit)
+            else:
+                fit.held = np.where(
+                    self.fitter.windows.fold[:, None] >= 0, self.fitter.mean_square(fit.residual), np.nan
+                )
+        return sorted((self.scored(f) for f in fits), key=_score)
+
+    def _finals(self, singles: list[Scored], reference: Scored) -> tuple[list[Scored], Scored]:
+        """Refit the leaders with sensitivities of their own, the start of windows judged by the leader's model."""
+        fitter = self.fitter
+        if not singles:
+            return singles, reference
+        leader = singles[0].fit if singles[0].score < reference.score else reference.fit
+        fitter.residuals.update_start(fitter.variant(leader.hypothesis, leader.x, leader.z))
+        again = []
+        hopeful = [s for s in singles[:FINALISTS] if s.score < singles[0].score + HOPELESS]
+        for i, scored in enumerate([*hopeful, reference]):
+            self._say("finals", i / (len(hopeful) + 1))
+            fit = fitter.fit(scored.fit.hypothesis, scored.fit.x, scored.fit.z, iterations=1)
+            again.append(self.scored(fitter.polish(fit)))
+        reference = again.pop()
+        fitter.refresh(reference.fit.hypothesis, reference.fit.x, reference.fit.z, reference.fit.residual)
+        return sorted(again, key=_score) + [s for s in singles if s not in hopeful], reference
+
+    def _simplest(self, scored: Sequence[Scored]) -> Scored | None:
+        """One-standard-error rule: of those within one standard error of the best, the one with fewest parameters."""
+        if not scored:
+            return None
+        best = scored[0]
+        chosen = best
+        for rival in scored[1:FINALISTS]:
+            gain = self.costs(rival.fit) - self.costs(best.fit)
+            simpler = rival.fit.hypothesis.size < chosen.fit.hypothesis.size
+            if simpler and gain[0] <= float(gain[1:].std()) + PER_PARAMETER:
+                chosen = rival
+        return chosen
+
+    def _earns(self, without: Scored, with_: Scored, looked_at: int) -> bool:
+        """Whether the larger hypothesis is worth having."""
+        gain, low, _ = self.difference(without.fit, with_.fit)
+        strain = without.fit.prior - with_.fit.prior
+        relevant = with_.gap < (1.0 - RELEVANT) * without.gap or strain > EVIDENCE
+        return gain > EVIDENCE + np.log(max(looked_at, 1)) and low > 0.0 and relevant
+
+    def _add(self, result: Selection, screened: Sequence[Screened]) -> bool:
+        """Try one effect more, then swap the older ones; True where that was worth it."""
+        fitter, base = self.fitter, result.best
+        fitter.refresh(base.fit.hypothesis, base.fit.x, base.fit.z, base.fit.residual)
+        present = {e.key for e in base.fit.hypothesis.effects}
+        others = [e for e in self.effects if e.key not in present]
+        partners = screen(fitter, base.fit, others, lambda share: self._say("screen partners", share))
+        jobs = [(base.fit.hypothesis.with_effect(s.effect), s) for s in partners[:PARTNERS]]
+        pairs = self._fit_all(jobs, "fit partners", base.fit)
+        if not pairs:
+            return False
+        pairs = self._swap(pairs, screened)
+        polished = [self.scored(fitter.polish(p.fit)) for p in pairs[:2] if p.score < pairs[0].score + HOPELESS]
+        pairs = sorted([*polished, *pairs[len(polished) :]], key=_score)
+        best = self._simplest(pairs)
+        if best is None or not self._earns(base, best, len(partners)):
+            return False
+        result.gains.append(self.difference(base.fit, best.fit))
+        best = self._follow(best)
+        pairs = sorted([best, *(p for p in pairs if p.fit.hypothesis is not best.fit.hypothesis)], key=_score)
+        result.best, result.rivals = best, pairs
+        return True
+
+    def _follow(self, scored: Scored) -> Scored:
+        """A winner fitted to the end."""
+        better = self.scored(self.fitter.polish(scored.fit, rounds=3))
+        return better if better.fit.cost <= scored.fit.cost else scored
+
+    def _swap(self, pairs: list[Scored], screened: Sequence[Screened]) -> list[Scored]:
+        """Replace each older effect of the best pair by the candidates that screened best."""
+        lead = pairs[0].fit
+        present = {e.key for e in lead.hypothesis.effects}
+        spare = [s for s in screened[:PARTNERS] if s.effect.key not in present][:3]
+        extra = []
+        for position in range(len(lead.hypothesis.effects) - 1):
+            sizes = [len(e.parameters) for e in lead.hypothesis.effects]
+            parts = np.split(lead.x, np.cumsum(sizes)[:-1])
+            for s in spare:
+                effects, values = list(lead.hypothesis.effects), list(parts)
+                effects[position], values[position] = s.effect, s.x
+                fit = self.fitter.fit(Hypothesis(tuple(effects)), np.concatenate(values), lead.z)
+                extra.append(self.scored(self.fitter.cross_validate(fit)))
+        return sorted([*pairs, *extra], key=_score)
+
+    def _say(self, stage: str, share: float) -> None:
+        if self._progress:
+            self._progress(stage, share)

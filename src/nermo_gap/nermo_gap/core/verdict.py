@@ -1,0 +1,155 @@
+"""From the competition to a verdict: no gap, an effect, an ambiguity, or something unknown; and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nermo_gap.core.fit import Fit
+from nermo_gap.core.nuisance import BOX
+from nermo_gap.core.screen import angle, projected_response
+from nermo_gap.core.select import FINALISTS, Scored, Selection, Selector
+
+Array = NDArray[np.float64]
+
+CLOSE = 3.0
+"""[nats] Rivals nearer than this are not told apart, whatever the bootstrap says."""
+SMALL = 4.0
+"""A gap below this many noise floors is not worth a verdict of unknown."""
+STRUCTURE = 0.35
+"""Share of the residual's power that must be predictable for it to count as structure."""
+LEFT = 0.35
+"""Share of the gap that may be left by an effect that explains it."""
+STRAINED = 2
+"""Nominal numbers at the end of what their priors allow, from which on another effect must hide in them."""
+UNSTABLE = 0.5
+"""Spread of a parameter between folds, relative to its distance from neutral."""
+
+
+@dataclass
+class Verdict:
+    """The verdict with its reasons.
+
+    Attributes:
+        kind: no_gap, effect, ambiguous or unknown.
+        equivalent: classes of effects (name@site) that the data cannot tell apart.
+        angles: {pair: angle [deg]} between what rivals change, nuisances taken out.
+    """
+
+    kind: str
+    best: Scored
+    reasons: list[str] = field(default_factory=list)
+    equivalent: list[list[str]] = field(default_factory=list)
+    angles: dict[str, float] = field(default_factory=dict)
+
+
+def judge(selector: Selector, selection: Selection, structure: float) -> Verdict:
+    """Decide. ``structure`` is the predictable share of the residual that the best hypothesis leaves."""
+    best, reference = selection.best, selection.reference
+    verdict = Verdict("no_gap", best)
+    if best is reference:
+        if best.gap > SMALL and structure > STRUCTURE:
+            verdict.kind = "unknown"
+            verdict.reasons.append(
+                f"no known effect earns its place, yet a gap of {best.gap:.1f} noise floors remains "
+                f"and {100 * structure:.0f} % of it is predictable"
+            )
+        else:
+            verdict.reasons.append("no effect improves the prediction of held-out data beyond what priors explain")
+        return verdict
+    verdict.kind = "effect"
+    doubts = _doubts(selector, selection, structure)
+    verdict.equivalent = _equivalents(selector, selection, verdict)
+    if doubts:
+        verdict.kind, verdict.reasons = "unknown", doubts
+    elif verdict.equivalent:
+        verdict.kind = "ambiguous"
+        verdict.reasons.append("held-out data do not tell these apart: " + ", ".join(verdict.equivalent[0]))
+    else:
+        gain, low, high = selection.gains[-1]
+        verdict.reasons.append(f"{best.key} gains {gain:.0f} nats on held-out data (90 %: {low:.0f} to {high:.0f})")
+    # What is the same change under another name is always listed.
+    for effect in best.fit.hypothesis.effects:
+        if effect.aliases:
+            verdict.equivalent.append([effect.key, *effect.aliases])
+    return verdict
+
+
+def _doubts(selector: Selector, selection: Selection, structure: float) -> list[str]:
+    """Reasons not to believe the winner."""
+    best, reference = selection.best, selection.reference
+    doubts = []
+    left = max(best.gap - 1.0, 0.0) / max(selection.nominal_gap - 1.0, reference.gap - 1.0, 1e-9)
+    if best.gap > SMALL and left > LEFT and structure > STRUCTURE:
+        doubts.append(
+            f"the best hypothesis ({best.key}) leaves {100 * left:.0f} % of the gap, "
+            f"and {100 * structure:.0f} % of that is predictable: the cause is not in the library"
+        )
+    strained = [n.name for n, z in zip(selector.fitter.nuisances, best.fit.z, strict=True) if abs(z) > 0.999 * BOX]
+    if len(strained) >= STRAINED:
+        doubts.append(
+            f"beside {best.key}, {' and '.join(strained)} would have to be off by {BOX:g} prior deviations: "
+            "another effect hides in them"
+        )
+    position = 0
+    for effect in best.fit.hypothesis.effects:
+        for parameter in effect.parameters:
+            value, spread = best.fit.x[position], best.fit.fold_x[:, position]
+            position += 1
+            if effect.name == "tendon_detached":
+                continue
+            width = 1e-3 * (parameter.high - parameter.low)
+            outer = [b for b in (parameter.low, parameter.high) if abs(b - parameter.neutral) > width]
+            if any(abs(value - b) <= width for b in outer) and len(effect.parameters) == 1:
+                doubts.append(f"{effect.key}: {parameter.name} sits on its bound {value:.3g} {parameter.unit}")
+            far = abs(value - parameter.neutral)
+            if (
+                len(effect.parameters) == 1
+                and len(spread) > 1
+                and far > 0
+                and float(np.ptp(spread)) > 2 * UNSTABLE * far
+            ):
+                doubts.append(f"{effect.key}: {parameter.name} changes from fold to fold ({_listed(spread)})")
+    return doubts
+
+
+def _listed(values: Array) -> str:
+    return ", ".join(f"{v:.3g}" for v in values)
+
+
+def _equivalents(selector: Selector, selection: Selection, verdict: Verdict) -> list[list[str]]:
+    """The class of hypotheses that cannot be told from the winner; empty where it stands alone."""
+    best = selection.best
+    winner = projected_response(selector.fitter, best.fit, selection.reference.fit)
+    mine = _names(best.fit)
+    alike = []
+    for rival in selection.rivals[: 2 * FINALISTS]:
+        if rival is best or _names(rival.fit) == mine:
+            continue
+        response = projected_response(selector.fitter, rival.fit, selection.reference.fit)
+        verdict.angles[f"{best.key} | {rival.key}"] = angle(winner, response)
+        gain, low, _ = selector.difference(rival.fit, best.fit)
+        if (gain < CLOSE or low <= 0.0) and not _nested(best.fit, rival.fit):
+            alike.append(rival)
+    if not alike:
+        return []
+    different = [sorted(_names(r.fit) - mine) for r in alike]
+    changed = sorted(mine - set[str].intersection(*(_names(r.fit) for r in alike)))
+    return [[" + ".join(changed) or best.key, *(" + ".join(d) for d in different if d)]]
+
+
+def _names(fit: Fit) -> set[str]:
+    return {e.key for e in fit.hypothesis.effects}
+
+
+def _nested(simple: Fit, rich: Fit) -> bool:
+    """Whether the rival contains the winner as a special case at the same site (then the simpler one stands)."""
+    contains = {("coulomb_friction", "stribeck_friction")}
+    one = {(e.name, e.site.name) for e in simple.hypothesis.effects}
+    two = {(e.name, e.site.name) for e in rich.hypothesis.effects}
+    lost, gained = one - two, two - one
+    return len(lost) == len(gained) == 1 and any(
+        (a[0], b[0]) in contains and a[1] == b[1] for a in lost for b in gained
+    )

@@ -1,0 +1,108 @@
+"""How a recording is cut: short windows that are replayed, grouped into blocks that are fitted or kept for scoring."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nermo_gap.core.align import Aligned
+from nermo_gap.core.errors import GapInputError
+
+Ints = NDArray[np.int64]
+
+HORIZON = 0.6
+"""[s] of free run: long enough for a delay, a dead band or friction to show, short enough for chaos not to."""
+WARM_UP = 0.15
+"""[s] before it in which the model is held to the measurement, so that what is not measured can settle."""
+FOLDS = 3
+_WINDOWS_PER_BLOCK = 3
+_MAX_SAMPLES = 120
+MAX_WINDOWS = 90
+"""More are thinned out by whole blocks: 54 s of scored motion say what a long recording has to say."""
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows of equal length.
+
+    Attributes:
+        start: (nw,) first scored row of the grid; the warm-up lies before it.
+        warm_up, length: rows.
+        sample: (ns,) rows after ``start`` that are compared (all, or every so many).
+        block: (nw,) number of the block.
+        fold: (nw,) fold in which the window is held out; -1 for one that is only fitted.
+    """
+
+    start: Ints
+    warm_up: int
+    length: int
+    sample: Ints
+    block: Ints
+    fold: Ints
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    @property
+    def folds(self) -> int:
+        """Number of folds."""
+        return int(self.fold.max()) + 1
+
+    def rows(self) -> Ints:
+        """Grid rows of all compared samples, (nw, ns)."""
+        rows: Ints = self.start[:, None] + self.sample[None, :]
+        return rows
+
+
+def cut(aligned: Aligned, horizon: float = HORIZON, warm_up: float = WARM_UP) -> Windows:
+    """Tile every run with windows and deal its blocks to folds.
+
+    Where the recording names runs to be held out, these are the one fold and all others are only fitted. Otherwise
+    blocks of neighbouring windows go to FOLDS folds in turn, so that each fold sees the whole recording and no sample
+    is scored by a fit that has seen its neighbours; the warm-up is the gap between blocks.
+
+    Raises:
+        GapInputError: fewer than two blocks for each fold.
+    """
+    length = max(round(horizon / aligned.period), 5)
+    lead = max(round(warm_up / aligned.period), 1)
+    starts: list[int] = []
+    blocks: list[int] = []
+    folds: list[int] = []
+    number = -1
+    for run in aligned.runs:
+        held = run.label in aligned.held_out
+        position, inside = run.start + lead, 0
+        number += 1
+        while position + length < run.stop:
+            if inside == _WINDOWS_PER_BLOCK:
+                number, inside = number + 1, 0
+                position += lead
+                if position + length >= run.stop:
+                    break
+            starts.append(position)
+            blocks.append(number)
+            folds.append((0 if held else -1) if aligned.held_out else number % FOLDS)
+            position, inside = position + length, inside + 1
+    if len(starts) > MAX_WINDOWS:
+        numbers = sorted(set(blocks))
+        count = max(int(len(numbers) * MAX_WINDOWS / len(starts)), 2)
+        kept = {numbers[i] for i in np.linspace(0, len(numbers) - 1, count).round().astype(int)}
+        keep = [i for i, b in enumerate(blocks) if b in kept]
+        starts, blocks, folds = ([values[i] for i in keep] for values in (starts, blocks, folds))
+    block = np.unique(np.array(blocks, np.int64), return_inverse=True)[1].astype(np.int64)
+    fold = np.array(folds, np.int64)
+    if not aligned.held_out and len(fold):
+        fold = block % FOLDS
+    for f in range(int(fold.max(initial=0)) + 1):
+        inside, outside = (len(set(block[m].tolist())) for m in (fold == f, fold != f))
+        if inside < 1 or outside < 1:
+            raise GapInputError(
+                f"the recording gives {len(set(blocks))} blocks of {_WINDOWS_PER_BLOCK} windows of {horizon:g} s; "
+                "fitting and scoring need at least one each; record longer or name other runs as held_out"
+            )
+    stride = max(1, -(-length // _MAX_SAMPLES))
+    sample = np.arange(stride - 1, length, stride, dtype=np.int64)
+    return Windows(np.array(starts, np.int64), lead, length, sample, block, fold)

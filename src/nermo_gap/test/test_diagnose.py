@@ -1,0 +1,161 @@
+"""Whole diagnoses on small robots, and the command line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+from robots import MAPS, PENDULUM, aligned_of, plant_of, simulate
+from typer.testing import CliRunner
+
+from nermo_gap.cli import gap_app
+from nermo_gap.core.diagnose import Diagnosis, Options, diagnose
+from nermo_gap.core.fit import Fitter, Hypothesis
+from nermo_gap.core.nuisance import enumerate_nuisances
+from nermo_gap.core.recording import recording_from_table
+from nermo_gap.core.replay import Replayer
+from nermo_gap.core.residual import Residuals, channel_gap
+from nermo_gap.core.variant import Variant
+from nermo_gap.core.windows import cut
+
+Array = NDArray[np.float64]
+
+
+SOME = ("coulomb_friction", "viscous_friction", "load_friction", "servo_delay", "servo_dead_band", "mass")
+"""Enough rivals for a test; the benchmark of docs/gap.md runs the whole library."""
+
+
+def _diagnose(name: str, change: Callable[[mujoco.MjModel], object] | None, seconds: float = 10.0) -> Diagnosis:
+    plant = plant_of(name)
+    table = simulate(name, seconds, change=change)  # type: ignore[arg-type]
+    return diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=SOME, threads=1))
+
+
+def _own_coulomb(model: mujoco.MjModel) -> None:
+    model.dof_frictionloss[:] = 0.1
+
+
+def _both_frictions(model: mujoco.MjModel) -> None:
+    model.dof_frictionloss[:] = 0.1
+    model.dof_damping[:] += 0.15
+
+
+def test_nuisances_take_up_nominal_numbers_that_are_off() -> None:
+    def off(model: mujoco.MjModel) -> None:
+        model.body_mass[:] *= 1.06
+        model.body_inertia[:] *= 1.06
+        model.dof_damping[:] *= 0.9
+
+    plant, aligned, floor = aligned_of("arm", simulate("arm", 10.0, change=off))
+    replayer = Replayer(plant, aligned, cut(aligned), floor)
+    residuals = Residuals.build(replayer, Variant.nominal(plant))
+    fitter = Fitter(residuals, enumerate_nuisances(plant, aligned.outputs.std(axis=0), aligned.period))
+    fit = fitter.fit_nuisances()
+    assert fitter.nominal is not None
+    before, after = (channel_gap(f.residual, residuals.mask) for f in (fitter.nominal, fit))
+    assert before.max() > 3.0 and after.max() < 1.4
+    assert np.abs(fit.z).max() < 2.0
+
+
+def test_cost_is_bounded_by_the_floor_and_grows_with_the_residual() -> None:
+    plant, aligned, floor = aligned_of("pendulum", simulate("pendulum", 6.0))
+    replayer = Replayer(plant, aligned, cut(aligned), floor, 1)
+    fitter = Fitter(Residuals.build(replayer, Variant.nominal(plant)), [])
+    residual = fitter.replay(Hypothesis(), [(np.zeros(0), np.zeros(0))])[0]
+    square = fitter.mean_square(residual)
+    costs = [float(fitter.data_cost(k * square)) for k in (0.0, 1.0, 4.0, 100.0)]
+    assert costs[0] == pytest.approx(0.0) and costs == sorted(costs)
+    # The weights are the slope of the data term: d cost = sum of weights * residual * d residual.
+    step = 1e-5 * residual
+    slope = float(fitter.data_cost(fitter.mean_square(residual + step)) - fitter.data_cost(square))
+    predicted = float((fitter.weights(square)[:, None, :] * residual * step).sum())
+    assert slope == pytest.approx(predicted, rel=1e-3)
+
+
+def test_one_friction_is_found_with_its_size() -> None:
+    found = _diagnose("pendulum", _own_coulomb)
+    assert found.report["verdict"] == "effect", found.report["reasons"]
+    (effect,) = found.report["effects"]
+    assert (effect["name"], effect["site"]) == ("coulomb_friction", "hinge")
+    low, high = effect["parameters"]["friction"]["ci90"]
+    assert low <= 0.1 <= high and high - low < 0.03
+    assert found.report["gap"]["shrink"] > 0.8 and found.report["gap"]["after"] < 1.5
+
+
+def test_friction_and_damping_are_not_taken_for_friction_alone() -> None:
+    """Fitted with friction alone, a joint with both gives a confident wrong number: the pair, or no single effect."""
+    report = _diagnose("pendulum", _both_frictions, 14.0).report
+    keys = {f"{e['name']}@{e['site']}" for e in report["effects"]}
+    if report["verdict"] == "effect":
+        assert keys == {"coulomb_friction@hinge", "viscous_friction@hinge"}
+        sizes = {e["name"]: next(iter(e["parameters"].values()))["value"] for e in report["effects"]}
+        assert sizes["coulomb_friction"] == pytest.approx(0.1, rel=0.25)
+        assert sizes["viscous_friction"] == pytest.approx(0.15, rel=0.25)
+    else:
+        assert report["verdict"] in ("ambiguous", "unknown")
+
+
+def test_no_gap_is_no_gap() -> None:
+    report = _diagnose("pendulum", None).report
+    assert report["verdict"] == "no_gap" and report["effects"] == []
+    assert 0.7 < report["gap"]["after"] < 1.3
+
+
+KEYS = ("verdict", "gap", "where", "effects", "equivalent", "baselines", "next_experiment", "heldout", "noise_floor")
+TOP = ("schema", "created", "command", "seed", "robot", "versions", "warnings", "wall_s")
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> dict[str, Path]:
+    table = simulate("pendulum", 8.0, change=_own_coulomb)
+    log, model, mapping = tmp_path / "log.csv", tmp_path / "robot.xml", tmp_path / "map.yaml"
+    rows = np.stack(list(table.values()), 1)
+    np.savetxt(log, rows, delimiter=",", header=",".join(table), comments="")
+    model.write_text(PENDULUM)
+    mapping.write_text(yaml.safe_dump(MAPS["pendulum"]))
+    return {"log": log, "model": model, "map": mapping, "json": tmp_path / "out" / "diagnosis.json"}
+
+
+def _run(files: dict[str, Path], *more: str):  # type: ignore[no-untyped-def]
+    arguments = ["diagnose", str(files["log"]), "--model", str(files["model"]), "--map", str(files["map"])]
+    return CliRunner().invoke(gap_app, [*arguments, "--json", str(files["json"]), *more])
+
+
+def test_command_line_writes_every_key(files: dict[str, Path]) -> None:
+    result = _run(files, "--only", "coulomb_friction", "--only", "servo_delay")
+    assert result.exit_code == 0, result.output
+    report = json.loads(files["json"].read_text())
+    assert set(KEYS) | set(TOP) <= set(report)
+    assert {"before", "after", "shrink", "ci90"} <= set(report["gap"])
+    assert {"nominal", "fit_everything", "best_in_sample"} <= set(report["baselines"])
+    assert report["where"] and {"channel", "subsystem", "phase", "share"} <= set(report["where"][0])
+    assert sum(w["share"] for w in report["where"]) == pytest.approx(1.0)
+    for effect in report["effects"]:
+        assert {"name", "site", "parameters", "gap_gain", "ci90"} <= set(effect)
+        for parameter in effect["parameters"].values():
+            assert {"value", "unit", "ci90"} <= set(parameter)
+    assert report["verdict"] in result.output
+
+
+def test_bad_input_ends_with_status_2_and_one_sentence(files: dict[str, Path]) -> None:
+    def spoil(edit: Callable[[dict[str, object]], None]) -> str:
+        data = yaml.safe_load(yaml.safe_dump(MAPS["pendulum"]))
+        edit(data)
+        files["map"].write_text(yaml.safe_dump(data))
+        result = _run(files)
+        assert result.exit_code == 2 and "Traceback" not in result.output
+        lines = result.stderr.strip().splitlines()
+        return lines[-1]
+
+    assert "neither commanded nor measured" in spoil(lambda m: m.update(inputs=[]))
+    assert "no sensor 'shoulder_pos'" in spoil(lambda m: m["outputs"][0].update(sensor="shoulder_pos"))  # type: ignore[index]
+    assert "does not fit" in spoil(lambda m: m["outputs"][0].update(unit="m"))  # type: ignore[index]
+    assert "degrees" in spoil(lambda m: m["outputs"][0].update(unit="deg"))  # type: ignore[index]
+    files["log"] = files["log"].with_name("nothing.csv")
+    assert "no such recording" in spoil(lambda m: None)
