@@ -1,0 +1,1 @@
+"""Launch files, configuration, teleoperation, recording and the nermo command."""

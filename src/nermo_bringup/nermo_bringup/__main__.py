@@ -1,0 +1,5 @@
+"""`python -m nermo_bringup`: the nermo command."""
+
+from nermo_bringup.cli import main
+
+main()

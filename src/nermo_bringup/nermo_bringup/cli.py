@@ -1,0 +1,200 @@
+"""The `nermo` command: one word for each thing that a user does. Each word imports what it needs when it is called."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import signal
+import sys
+import traceback
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nermo_bringup.demo.cli import demo
+from nermo_bringup.recording.cli import repair, replay
+from nermo_bringup.teleop.cli import play
+from nermo_description.results import CommandError
+
+_HELP_NAMES = {"help_option_names": ["-h", "--help"]}
+_PASS_ON = {**_HELP_NAMES, "ignore_unknown_options": True, "allow_extra_args": True}
+
+app = typer.Typer(
+    name="nermo",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings=_HELP_NAMES,
+)
+
+
+@app.callback()
+def nermo() -> None:
+    """Walk a robot mouse: on its MuJoCo twin, or the real one."""
+
+
+@app.command("test", context_settings=_PASS_ON)
+def run_tests(
+    context: typer.Context,
+    quick: Annotated[bool, typer.Option("--quick", help="Leave out the tests marked slow.")] = False,
+) -> None:
+    """Check style and types, then run every test.
+
+    Other arguments go to pytest, and then only the tests run.
+
+    \b
+    nermo test
+    nermo test --quick
+    nermo test -k launch -x
+    nermo test src/nermo_control
+    """
+    from nermo_bringup import testing
+
+    raise typer.Exit(testing.run_all(_root(), quick=quick, pytest_arguments=context.args))
+
+
+@app.command(context_settings={**_PASS_ON, "allow_interspersed_args": False})
+def run(context: typer.Context, package: str, executable: str) -> None:
+    """Run one executable of a package, as `ros2 run` does.
+
+    \b
+    nermo run nermo_sim mujoco_sim --ros-args -p robot:=nermo
+    nermo run nermo_bringup keyboard_teleop
+    """
+    from nermo_bringup.launch.executables import find_executable
+
+    path = find_executable(package, executable)
+    # A shell in the background hands on an ignored SIGINT, which Python would never notice.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    os.execv(path, [str(path), *context.args])
+
+
+@app.command("launch", context_settings=_HELP_NAMES)
+def launch_file(
+    package: Annotated[str, typer.Argument(help="A package, or the path of a launch file.")],
+    file: Annotated[str | None, typer.Argument(help="Name of a launch file of the package.")] = None,
+    arguments: Annotated[list[str] | None, typer.Argument(metavar="[NAME:=VALUE]...")] = None,
+    show_args: Annotated[bool, typer.Option("--show-args", "-s", help="Show the file's arguments only.")] = False,
+) -> None:
+    """Start the nodes of an XML launch file, as `ros2 launch` does, until Ctrl-C.
+
+    \b
+    nermo launch nermo_bringup nermo.launch.xml
+    nermo launch nermo_bringup nermo.launch.xml robot:=nermo namespace:=mouse_2
+    nermo launch nermo_bringup nermo.launch.xml --show-args
+    """
+    from nermo_bringup.launch.command import launch_words
+
+    words = [word for word in (file, *(arguments or [])) if word is not None]
+    raise typer.Exit(launch_words(package, words, show_args=show_args))
+
+
+@app.command()
+def up(
+    robot: Annotated[str, typer.Option(help="nermo, nermo_lite, or the path of a parameter file.")] = "nermo_lite",
+    target: Annotated[
+        str, typer.Option(help="sim: the MuJoCo twin. serial: the robot at a cable. link: over Wi-Fi.")
+    ] = "sim",
+    record: Annotated[str, typer.Option(metavar="DIR", help="Record every topic into this folder.")] = "",
+    arguments: Annotated[list[str] | None, typer.Argument(metavar="[NAME:=VALUE]...")] = None,
+) -> None:
+    """Bring the whole graph up and keep it up until Ctrl-C.
+
+    Further arguments are those of nermo.launch.xml (nermo launch nermo_bringup nermo.launch.xml --show-args).
+
+    \b
+    nermo up
+    nermo up --robot nermo --record recordings/today
+    nermo up teleop:=false real_time_factor:=0.5
+    """
+    from nermo_bringup.launch.command import bring_up
+
+    raise typer.Exit(bring_up(robot, target, record, arguments or []))
+
+
+@app.command(context_settings=_PASS_ON, add_help_option=False)
+def doctor(context: typer.Context) -> None:
+    """Say what is installed, what is missing, and what to do about it."""
+    from nermo_bringup.environment import doctor
+
+    raise typer.Exit(doctor.main(context.args))
+
+
+for word in (demo, play, replay, repair):
+    app.command()(word)
+
+
+# Words that packages bring along: where each lives, and its line in the help. They are offered once they exist, and
+# imported when they are called.
+_WORDS = {
+    "experiment": ("nermo_sim.cli:experiment_app", "Run an experiment of the theses; its table stands beside theirs."),
+    "bench": ("nermo_sim.cli:bench_app", "Measure how fast things are."),
+    "optimize": ("nermo_sim.cli:optimize_app", "Search for better parameters."),
+    "sensors": ("nermo_sensors.cli:sensors_app", "Calibrate and judge tactile sensors."),
+    "hw": ("nermo_hw.cli:hw_app", "The real robot: look at it, emulate it, test its lines."),
+    "gap": ("nermo_gap.cli:gap_app", "Say why robot and twin differ."),
+}
+
+
+def _offer_word(word: str, place: str, help_text: str) -> None:
+    """Adds a word whose typer app lives in another module, if that module has it."""
+    module, attribute = place.split(":")
+    try:
+        spec = importlib.util.find_spec(module)
+    except ModuleNotFoundError:
+        return
+    if spec is None or spec.origin is None or f"{attribute} =" not in Path(spec.origin).read_text(encoding="utf-8"):
+        return
+
+    def call(context: typer.Context) -> None:
+        try:
+            there = getattr(importlib.import_module(module), attribute)
+        except ImportError as error:
+            raise CommandError(f"nermo {word} cannot start, a part of it is missing: {error}.") from error
+        there(args=context.args, prog_name=f"nermo {word}")
+
+    settings = {**_PASS_ON, "allow_interspersed_args": False}
+    app.command(word, help=help_text, context_settings=settings, add_help_option=False)(call)
+
+
+for _word, (_place, _help) in _WORDS.items():
+    _offer_word(_word, _place, _help)
+
+
+def _root() -> Path:
+    """The checkout that this command belongs to."""
+    from nermo_bringup.environment.checkout import checkout_root
+
+    try:
+        return checkout_root()
+    except FileNotFoundError as error:
+        raise CommandError(f"{error}.") from error
+
+
+def main() -> None:
+    """Runs the command. A failure ends with one sentence on stderr and exit status 1, wrong usage with 2."""
+    try:
+        app(prog_name="nermo")
+    except CommandError as error:
+        print(f"nermo: {error}", file=sys.stderr)
+        sys.exit(error.status)
+    except Exception as error:
+        if os.environ.get("NERMO_DEBUG"):
+            traceback.print_exc()
+        print(f"nermo: {_sentence(error)}", file=sys.stderr)
+        sys.exit(1)
+
+
+def _sentence(error: Exception) -> str:
+    """An unforeseen error in one line; what the parameter files' validation says is meant for users as it is."""
+    text = " ".join(str(error).split())
+    if isinstance(error, ValueError | OSError):
+        return text
+    return f"{type(error).__name__}: {text} (NERMO_DEBUG=1 shows where)"
+
+
+if __name__ == "__main__":
+    main()

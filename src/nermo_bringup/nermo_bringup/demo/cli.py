@@ -1,0 +1,39 @@
+"""The word `demo` of the `nermo` command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def demo(
+    robot: Annotated[str, typer.Option(help="Name of a robot, or path of its parameter file.")] = "nermo_lite",
+    out: Annotated[Path | None, typer.Option(help="Folder for all results; default: a new one.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Shorter walks.")] = False,
+    video: Annotated[bool, typer.Option(help="Draw a video; needs OpenGL.")] = True,
+    real_time_factor: Annotated[
+        float, typer.Option(min=0.05, max=5.0, help="Simulated time over wall time; below 1 for a slow machine.")
+    ] = 1.0,
+    stepped: Annotated[
+        bool, typer.Option("--stepped", help="The twin waits for each command: as slow as it must, and deterministic.")
+    ] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the twin's sensor noise.")] = 0,
+    json: Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")] = None,
+) -> None:
+    """Walk the mouse through all it can do, in the whole ROS graph on the twin.
+
+    It stands, walks each gait on a straight line, turns both ways and sits. A recording, a table, pictures and a video
+    tell how it went. Exit status 0 only if the mouse did it.
+
+    \b
+    nermo demo
+    nermo demo --quick --out /tmp/demo --json demo.json
+    """
+    from rich.console import Console
+
+    from nermo_bringup.demo.command import Settings, run_demo
+
+    settings = Settings(robot, out, quick, real_time_factor, stepped, video, seed)
+    raise typer.Exit(0 if run_demo(settings, json, Console()) else 1)

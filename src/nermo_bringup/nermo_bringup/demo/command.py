@@ -1,0 +1,253 @@
+"""`nermo demo` from its start to its verdict."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import yaml
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from nermo_bringup.demo import evaluation, pictures
+from nermo_bringup.demo.graph import running_graph
+from nermo_bringup.demo.plan import WALK_SPEED_M_S, Plan, make_plan
+from nermo_bringup.launch.description import load
+from nermo_bringup.launch.executables import find_launch_file
+from nermo_bringup.recording.errors import RecordingError
+from nermo_bringup.recording.reader import Recording
+from nermo_bringup.recording.taps import dated_directory
+from nermo_control.gait.knowledge_base import GaitParameters, gait_speed
+from nermo_description.parameters import RobotParameters
+from nermo_description.results import CommandError, write_results
+from nermo_description.robots import load_robot
+
+NAMESPACE = "nermo"
+GAIT_FREQUENCY_HZ = 0.8
+WALK_S, QUICK_WALK_S = 10.0, 4.0
+TURN_S, QUICK_TURN_S = 5.0, 4.0
+SLOWEST = 0.2
+"""Share of the asked real-time factor below which the demo gives up waiting."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What was asked for."""
+
+    robot: str = "nermo_lite"
+    out: Path | None = None
+    """Folder for everything; None: a new one in demo/."""
+    quick: bool = False
+    real_time_factor: float = 1.0
+    stepped: bool = False
+    """The twin waits for the command of every tick."""
+    video: bool = True
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of it."""
+
+    walks: list[evaluation.Walk]
+    turns: list[evaluation.Turn]
+    nose_lift: float
+    """[rad] by sitting."""
+    health: evaluation.GraphHealth
+    complaints: list[str]
+
+
+def run_demo(settings: Settings, json: Path | None, console: Console) -> bool:
+    """Run the demo; whether the mouse did what it was told.
+
+    Raises:
+        CommandError: the graph did not come up or broke down, or its recording cannot be judged.
+    """
+    started = time.monotonic()
+    robot = load_robot(settings.robot)
+    gaits = GaitParameters()
+    quick = settings.quick
+    plan = make_plan(
+        list(gaits.gaits), GAIT_FREQUENCY_HZ, QUICK_WALK_S if quick else WALK_S, QUICK_TURN_S if quick else TURN_S
+    )
+    out = (settings.out or dated_directory(Path("demo"))).absolute()
+    bag = out / "recording"
+    if bag.exists():
+        raise CommandError(f"{bag} exists already; a recording is never overwritten: name another --out.", status=2)
+    out.mkdir(parents=True, exist_ok=True)
+    nodes = _walk(settings, plan, out, bag, console)
+    try:
+        outcome, track, start = _judge(Recording(bag), plan, gaits)
+    except RecordingError as error:
+        raise CommandError(f"the recording cannot be judged: {error}") from error
+    _print(outcome, plan, console)
+    drawn = _draw(settings, robot, Recording(bag), plan, track, start, out, console)
+    wall = time.monotonic() - started
+    if json is not None:
+        _write(json, settings, robot, outcome, plan, nodes, bag, drawn, wall)
+    console.print(f"recording {bag}\npictures  {', '.join(str(path) for path in drawn) or 'none'}", soft_wrap=True)
+    verdict = "The mouse did it" if not outcome.complaints else "The mouse did not do it"
+    console.print(f"{verdict}, in {wall:.0f} s.", style="bold green" if not outcome.complaints else "bold red")
+    for complaint in outcome.complaints:
+        console.print(f"  {complaint}", highlight=False)
+    return not outcome.complaints
+
+
+@contextmanager
+def _progress(console: Console, what: str) -> Iterator[Callable[[float, float], None]]:
+    """A progress bar on a terminal; nothing elsewhere, where the lines before and after say enough."""
+    if not console.is_terminal:
+        yield lambda done, total: None
+        return
+    with Progress(TextColumn(what), BarColumn(), TimeRemainingColumn(), console=console) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=min(done, total), total=total)
+
+
+def _walk(settings: Settings, plan: Plan, out: Path, bag: Path, console: Console) -> list[str]:
+    """Bring the graph up, play the plan, bring the graph down. The names of the graph's nodes."""
+    script = out / "commands.yaml"
+    script.write_text(yaml.safe_dump(plan.command_file, sort_keys=False), encoding="utf-8")
+    arguments = {
+        "robot": settings.robot,
+        "namespace": NAMESPACE,
+        "teleop": "none",
+        "real_time_factor": f"{settings.real_time_factor}",
+        "stepped": str(settings.stepped).lower(),
+        "seed": f"{settings.seed}",
+        "record": str(bag),
+    }
+    nodes = [node.full_name for node in load(find_launch_file("nermo_bringup", "nermo.launch.xml"), arguments).nodes]
+    # A domain of its own, so that neither another graph on this machine nor this one is disturbed.
+    domain = int(os.environ.get("ROS_DOMAIN_ID") or 1 + os.getpid() % 100)
+    console.print(f"bringing up {len(nodes)} nodes on the twin of {settings.robot} (ROS_DOMAIN_ID={domain})")
+    expected = plan.duration / settings.real_time_factor
+    with running_graph(arguments, out / "graph.log", domain) as graph:
+        graph.wait_until_alive(bag, settings.stepped)
+        console.print(f"walking for {plan.duration:.0f} s of simulated time")
+        begin = time.monotonic()
+        with _progress(console, "walking") as advance:
+            graph.play(
+                script,
+                NAMESPACE,
+                settings.stepped,
+                30.0 + expected / SLOWEST,
+                lambda: advance(time.monotonic() - begin, expected),
+            )
+    return [*nodes, f"/{NAMESPACE}/command_player"]
+
+
+def _judge(recording: Recording, plan: Plan, gaits: GaitParameters) -> tuple[Outcome, evaluation.Track, int]:
+    track, start = evaluation.read_track(recording)
+    walks, turns, nose_lift = [], [], 0.0
+    for scene in plan.scenes:
+        if scene.kind == "walk":
+            walks.append(evaluation.judge_walk(track, scene, plan.gait_frequency))
+        elif scene.kind in ("turn_left", "turn_right"):
+            turns.append(evaluation.judge_turn(track, scene))
+        elif scene.kind == "sit":
+            nose_lift = evaluation.sitting_pitch(track, scene)
+    stride = min(gaits.front.max_stride_length, gaits.rear.max_stride_length)
+    no_slip = {
+        name: min(gait_speed(plan.gait_frequency, stride, gait.gait_factor), WALK_SPEED_M_S)
+        for name, gait in gaits.gaits.items()
+    }
+    complaints = evaluation.complaints(walks, turns, nose_lift, plan, no_slip)
+    return Outcome(walks, turns, nose_lift, evaluation.read_health(recording), complaints), track, start
+
+
+def _draw(
+    settings: Settings,
+    robot: RobotParameters,
+    recording: Recording,
+    plan: Plan,
+    track: evaluation.Track,
+    start: int,
+    out: Path,
+    console: Console,
+) -> list[Path]:
+    from nermo_sim.render import RenderingUnavailableError
+
+    drawn = [out / name for name in ("track.png", "gaits.png", "orientation.png")]
+    pictures.draw_track(track, plan, drawn[0])
+    pictures.draw_gaits(recording, start, plan, drawn[1])
+    pictures.draw_orientation(track, plan, drawn[2])
+    if settings.video:
+        try:
+            with _progress(console, "drawing the video") as advance:
+                pictures.render_video(recording, robot, out / "demo.mp4", advance)
+            drawn.append(out / "demo.mp4")
+        except RenderingUnavailableError as error:
+            console.print(f"no video: {error}")
+    return drawn
+
+
+def _print(outcome: Outcome, plan: Plan, console: Console) -> None:
+    table = Table(title=f"Straight walks at {plan.gait_frequency} Hz, spine off")
+    for name in ("gait", "time [s]", "distance [m]", "speed [m/s]", "lateral drift [m]", "heading error [deg]", "fell"):
+        table.add_column(name, justify="left" if name == "gait" else "right")
+    for walk in outcome.walks:
+        table.add_row(
+            walk.gait.replace("_", " "),
+            f"{walk.duration_s:.1f}",
+            f"{walk.distance_m:.3f}",
+            f"{walk.speed_m_s:.4f}",
+            f"{walk.lateral_drift_m:+.3f}",
+            f"{walk.heading_error_deg:+.1f}",
+            "yes" if walk.fell else "no",
+        )
+    console.print(table)
+    others = Table(title="Turns, sitting and the graph", show_header=False)
+    for turn in outcome.turns:
+        others.add_row(f"turn {turn.direction}", f"{turn.turned_deg:+.0f} deg on a radius of {turn.radius_m:.2f} m")
+    others.add_row("sit", f"nose up by {math.degrees(outcome.nose_lift):.1f} deg")
+    age = outcome.health.command_age_ms
+    ages = ", ".join(f"{name} {value:.2f} ms" for name, value in age.items())
+    others.add_row("age of the servo commands at the twin", ages)
+    others.add_row("ticks without a command", str(outcome.health.ticks_missed))
+    console.print(others)
+
+
+def _write(
+    path: Path,
+    settings: Settings,
+    robot: RobotParameters,
+    outcome: Outcome,
+    plan: Plan,
+    nodes: list[str],
+    bag: Path,
+    drawn: list[Path],
+    wall: float,
+) -> None:
+    facts = {
+        "walks": [asdict(walk) for walk in outcome.walks],
+        "turns": [asdict(turn) for turn in outcome.turns],
+        "sitting_nose_lift_deg": math.degrees(outcome.nose_lift),
+        "graph": {
+            "nodes": nodes,
+            "command_age_ms": outcome.health.command_age_ms,
+            "ticks_missed": outcome.health.ticks_missed,
+            "real_time_factor": settings.real_time_factor,
+            "stepped": settings.stepped,
+        },
+        "thresholds": {
+            "speed_over_no_slip": evaluation.LEAST_SPEED,
+            "drift_over_distance": evaluation.LARGEST_DRIFT,
+            "heading_error_deg": evaluation.LARGEST_HEADING_ERROR_DEG,
+            "turned_deg": evaluation.LEAST_TURN_DEG,
+            "sitting_nose_lift_deg": evaluation.LEAST_SITTING_PITCH_DEG,
+        },
+        "simulated_s": plan.duration,
+        "recording": bag,
+        "pictures": drawn,
+        "wall_s": wall,
+        "complaints": outcome.complaints,
+        "passed": not outcome.complaints,
+    }
+    write_results(path, "demo", facts, robot=robot.name, seed=settings.seed)

@@ -1,0 +1,232 @@
+"""What the mouse did, judged by the recording of the demo alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from nermo_bringup.demo.plan import Plan, Scene
+from nermo_bringup.recording.errors import RecordingError
+from nermo_bringup.recording.reader import Recording, TopicData
+
+Array = NDArray[np.float64]
+
+FALLEN_TILT_RAD = math.radians(45.0)
+FALLEN_HEIGHT = 0.6
+"""Share of the standing height below which the mouse lies on its belly."""
+
+LEAST_SPEED = 0.4
+"""A walk passes from this share of the gait's no-slip speed on."""
+LARGEST_DRIFT = 0.15
+"""... and up to this lateral drift, as share of the distance."""
+LARGEST_HEADING_ERROR_DEG = 20.0
+LEAST_TURN_DEG = 15.0
+LEAST_SITTING_PITCH_DEG = 3.0
+"""Sitting lifts the nose by at least so much."""
+
+_SETTLED_S = 0.3
+"""The mouse stands still for at least so long before each scene."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """Pose of base_link over time, from the ground truth."""
+
+    time: Array
+    """(n,) [s] of ROS time since the demo's first command."""
+    position: Array
+    """(n, 3) [m]"""
+    roll_pitch_yaw: Array
+    """(n, 3) [rad]; positive pitch is nose down (REP-103), yaw is unwrapped."""
+
+    def between(self, begin: float, end: float) -> Track:
+        """The part from begin to end [s]."""
+        rows = (self.time >= begin) & (self.time <= end)
+        if not rows.any():
+            raise RecordingError(f"the recording has no ground truth between {begin:.1f} s and {end:.1f} s")
+        return Track(self.time[rows], self.position[rows], self.roll_pitch_yaw[rows])
+
+    @property
+    def tilt(self) -> Array:
+        """(n,) [rad], angle between the body's z axis and the vertical."""
+        roll, pitch = self.roll_pitch_yaw[:, 0], self.roll_pitch_yaw[:, 1]
+        return np.arccos(np.cos(roll) * np.cos(pitch))
+
+
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """One straight walk; the line is the one on which the mouse stood when it began."""
+
+    gait: str
+    frequency_hz: float
+    spine: bool
+    duration_s: float
+    distance_m: float
+    speed_m_s: float
+    lateral_drift_m: float
+    heading_error_deg: float
+    fell: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """One turn; positive is to the left."""
+
+    direction: str
+    duration_s: float
+    turned_deg: float
+    radius_m: float
+    fell: bool
+
+
+@dataclass(frozen=True, slots=True)
+class GraphHealth:
+    """How the graph kept up."""
+
+    command_age_ms: dict[str, float]
+    """p50, p99 and max, from the publishing of a tick to the arrival of the servo command that answers it, as the
+    simulation measures it since its start: what happened while the other nodes came up is in it."""
+    ticks_missed: int
+    """Ticks since the first control command for which the simulation had no servo command."""
+
+
+def read_track(recording: Recording) -> tuple[Track, int]:
+    """The ground truth of a demo, and the ROS time [ns] of its first command.
+
+    Raises:
+        RecordingError: the recording lacks commands or ground truth.
+    """
+    odometry_topic, command_topic = recording.topic_ending("truth/odom"), recording.topic_ending("control_command")
+    data = recording.read([odometry_topic, command_topic])
+    start = int(data[command_topic].stamp.min())
+    return _track(data[odometry_topic], start), start
+
+
+def _track(odometry: TopicData, start: int) -> Track:
+    pose = "pose.pose"
+    position = np.column_stack([odometry[f"{pose}.position.{axis}"] for axis in "xyz"])
+    quaternion = np.column_stack([odometry[f"{pose}.orientation.{axis}"] for axis in "xyzw"])
+    roll_pitch_yaw = Rotation.from_quat(quaternion).as_euler("ZYX")[:, ::-1].copy()
+    roll_pitch_yaw[:, 2] = np.unwrap(roll_pitch_yaw[:, 2])
+    return Track(np.asarray((odometry.stamp - start) * 1e-9, dtype=np.float64), position, roll_pitch_yaw)
+
+
+def judge_walk(track: Track, scene: Scene, gait_frequency: float, spine: bool = False) -> Walk:
+    """Distance along the line, drift beside it and heading error at the end, averaged over the last gait cycle."""
+    before, during = track.between(scene.begin - _SETTLED_S, scene.begin), track.between(scene.begin, scene.end)
+    last_cycle = track.between(scene.end - 1.0 / gait_frequency, scene.end)
+    heading = float(before.roll_pitch_yaw[:, 2].mean())
+    forward, left = np.array([math.cos(heading), math.sin(heading)]), np.array([-math.sin(heading), math.cos(heading)])
+    origin = before.position[:, :2].mean(axis=0)
+    distance = float((during.position[-1, :2] - origin) @ forward)
+    return Walk(
+        gait=scene.gait,
+        frequency_hz=gait_frequency,
+        spine=spine,
+        duration_s=scene.duration,
+        distance_m=distance,
+        speed_m_s=distance / scene.duration,
+        lateral_drift_m=float(((last_cycle.position[:, :2] - origin) @ left).mean()),
+        heading_error_deg=math.degrees(float(last_cycle.roll_pitch_yaw[:, 2].mean()) - heading),
+        fell=fell(before, during),
+    )
+
+
+def judge_turn(track: Track, scene: Scene) -> Turn:
+    """By how much the mouse turned, and on which radius: the way of base_link over the angle."""
+    before, during = track.between(scene.begin - _SETTLED_S, scene.begin), track.between(scene.begin, scene.end)
+    turned = float(during.roll_pitch_yaw[-1, 2] - before.roll_pitch_yaw[:, 2].mean())
+    # The body sways with each step; averaged over a cycle the way is that of the middle.
+    window = max(1, len(during.time) // 10)
+    smooth = np.column_stack(
+        [np.convolve(during.position[:, axis], np.full(window, 1.0 / window), mode="valid") for axis in (0, 1)]
+    )
+    way = float(np.linalg.norm(np.diff(smooth, axis=0), axis=1).sum()) * len(during.time) / max(len(smooth), 1)
+    return Turn(
+        direction=scene.kind.removeprefix("turn_"),
+        duration_s=scene.duration,
+        turned_deg=math.degrees(turned),
+        radius_m=way / abs(turned) if turned else math.inf,
+        fell=fell(before, during),
+    )
+
+
+def sitting_pitch(track: Track, scene: Scene) -> float:
+    """By how much sitting lifts the nose [rad]."""
+    before, seated = track.between(scene.begin - _SETTLED_S, scene.begin), track.between(scene.end - 0.5, scene.end)
+    return float(before.roll_pitch_yaw[:, 1].mean() - seated.roll_pitch_yaw[:, 1].mean())
+
+
+def fell(standing: Track, during: Track) -> bool:
+    """Whether the mouse tipped over or dropped on its belly."""
+    height = float(standing.position[:, 2].mean())
+    return bool((during.tilt > FALLEN_TILT_RAD).any() or (during.position[:, 2] < FALLEN_HEIGHT * height).any())
+
+
+def read_health(recording: Recording) -> GraphHealth:
+    """What the simulation reports of the commands that reached it.
+
+    Raises:
+        RecordingError: it reported nothing, or no command is recorded.
+    """
+    topic = recording.topic_ending("control_command")
+    begin = recording.read([topic])[topic].log_time[0]
+    reports = _simulation_reports(recording)
+    if not reports:
+        raise RecordingError("the simulation reported nothing on /diagnostics")
+    missed_before = [int(report["ticks_missed"]) for arrived, report in reports if arrived < begin]
+    _, last = reports[-1]
+    return GraphHealth(
+        command_age_ms={name: float(last[f"command_age_{name}_ms"]) for name in ("p50", "p99", "max")},
+        ticks_missed=int(last["ticks_missed"]) - (missed_before[-1] if missed_before else 0),
+    )
+
+
+def _simulation_reports(recording: Recording) -> list[tuple[int, dict[str, str]]]:
+    """Arrival [ns] and values of each of the simulation's diagnostics."""
+    reports = []
+    for raw, message in recording.decoded([recording.topic_ending("diagnostics")]):
+        for status in message.status:
+            values = {pair.key: pair.value for pair in status.values}
+            if "command_age_p99_ms" in values:
+                reports.append((raw.log_time, values))
+    return reports
+
+
+def complaints(
+    walks: Sequence[Walk], turns: Sequence[Turn], nose_lift: float, plan: Plan, no_slip_speed: dict[str, float]
+) -> list[str]:
+    """Why the demo did not pass, in words; empty when it did.
+
+    Args:
+        nose_lift: [rad] by sitting.
+        no_slip_speed: [m/s] of each gait (N (5.22)).
+    """
+    found = []
+    for walk in walks:
+        name = f"{walk.gait.replace('_', ' ')}:"
+        least = LEAST_SPEED * no_slip_speed[walk.gait]
+        if walk.fell:
+            found.append(f"{name} the mouse fell")
+        if walk.speed_m_s < least:
+            found.append(f"{name} {walk.speed_m_s:.3f} m/s, at least {least:.3f} wanted")
+        if abs(walk.lateral_drift_m) > LARGEST_DRIFT * abs(walk.distance_m):
+            found.append(f"{name} {walk.lateral_drift_m:+.3f} m beside its line, at most {LARGEST_DRIFT:.0%} wanted")
+        if abs(walk.heading_error_deg) > LARGEST_HEADING_ERROR_DEG:
+            found.append(f"{name} heading off by {walk.heading_error_deg:+.0f} deg")
+    for turn in turns:
+        toward = turn.turned_deg if turn.direction == "left" else -turn.turned_deg
+        if turn.fell:
+            found.append(f"turn {turn.direction}: the mouse fell")
+        if toward < LEAST_TURN_DEG:
+            found.append(f"turn {turn.direction}: {toward:.0f} deg, at least {LEAST_TURN_DEG:.0f} wanted")
+    if math.degrees(nose_lift) < LEAST_SITTING_PITCH_DEG:
+        found.append(f"sit: the nose rose by {math.degrees(nose_lift):.1f} deg, {LEAST_SITTING_PITCH_DEG:.0f} wanted")
+    if {walk.gait for walk in walks} != {scene.gait for scene in plan.scenes if scene.kind == "walk"}:
+        found.append("not every gait was walked")
+    return found

@@ -1,0 +1,1 @@
+"""ROS nodes of nermo_bringup, one file a node."""

@@ -1,0 +1,1 @@
+"""Driving the mouse: gamepads, the keyboard and command files, all without ROS."""

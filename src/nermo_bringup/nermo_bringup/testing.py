@@ -1,0 +1,106 @@
+"""`nermo test`: style, types, then every test; the last line says how many passed and failed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+_NOTHING_COLLECTED = 5
+_USAGE_ERROR = 4
+
+
+@dataclass
+class Count:
+    """What became of the tests."""
+
+    passed: int = 0
+    failed: int = 0
+    errors: int = 0
+    skipped: int = 0
+
+    def add(self, report: Path) -> None:
+        """Adds the figures of one JUnit report; a run that left none counts as an error."""
+        try:
+            suites = list(ElementTree.parse(report).getroot().iter("testsuite"))
+        except (OSError, ElementTree.ParseError):
+            self.errors += 1
+            return
+        for suite in suites:
+            total, failed, errors, skipped = (
+                int(suite.get(key, 0)) for key in ("tests", "failures", "errors", "skipped")
+            )
+            self.passed += total - failed - errors - skipped
+            self.failed += failed
+            self.errors += errors
+            self.skipped += skipped
+
+    def __str__(self) -> str:
+        parts = [f"{self.passed} passed", f"{self.failed} failed"]
+        parts += [f"{self.errors} errors"] if self.errors else []
+        parts += [f"{self.skipped} skipped"] if self.skipped else []
+        return ", ".join(parts)
+
+
+def run_all(root: Path, *, quick: bool, pytest_arguments: Sequence[str]) -> int:
+    """Checks style and types, then runs the tests: first in parallel those without ROS, then one by one those with.
+
+    Args:
+        root: The checkout.
+        quick: Leave out the tests that are marked slow.
+        pytest_arguments: Handed on to pytest. Where there are any, style and types are left out.
+
+    Returns:
+        0 where everything passed, 1 where something failed, 2 where pytest did not understand its arguments.
+    """
+    started = time.monotonic()
+    complaints: list[str] = []
+    if not pytest_arguments:
+        for name, arguments in (
+            ("style", ["ruff", "check"]),
+            ("format", ["ruff", "format", "--check"]),
+            ("types", ["mypy"]),
+        ):
+            _announce(f"{name}: {' '.join(arguments)}")
+            if subprocess.run([sys.executable, "-m", *arguments], cwd=root).returncode != 0:
+                complaints.append(name)
+    count = Count()
+    collected = False
+    with tempfile.TemporaryDirectory(prefix="nermo_test_") as folder:
+        for name, marker, options in (
+            ("tests without ROS, in parallel", "not ros", ["-n", str(len(os.sched_getaffinity(0)))]),
+            ("tests with a ROS graph, one by one", "ros", []),
+        ):
+            _announce(name)
+            report = Path(folder) / f"{marker.replace(' ', '_')}.xml"
+            markers = f"{marker} and not slow" if quick else marker
+            command = [sys.executable, "-m", "pytest", "-q", "--durations=5", "-m", markers, f"--junitxml={report}"]
+            status = subprocess.run([*command, *options, *pytest_arguments], cwd=root).returncode
+            if status == _USAGE_ERROR:
+                print("nermo: pytest did not understand its arguments.", file=sys.stderr)
+                return 2
+            if status != _NOTHING_COLLECTED:
+                collected = True
+                count.add(report)
+                if status not in (0, 1) and not count.errors:
+                    count.errors += 1
+    if not collected:
+        print("nermo: no test fits these arguments.", file=sys.stderr)
+        return 1
+    verdicts = (
+        ""
+        if pytest_arguments
+        else "".join(f"; {name} {'failed' if name in complaints else 'ok'}" for name in ("style", "format", "types"))
+    )
+    print(f"{count} in {time.monotonic() - started:.0f} s{verdicts}", flush=True)
+    return int(bool(count.failed or count.errors or complaints))
+
+
+def _announce(text: str) -> None:
+    print(f"== {text}", flush=True)

@@ -1,0 +1,182 @@
+"""The demo's plan, and its verdict on runs that are known."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nermo_bringup.demo.evaluation import Track, Walk, complaints, judge_turn, judge_walk, read_health, sitting_pitch
+from nermo_bringup.demo.plan import Scene, make_plan
+from nermo_bringup.recording.bag import BagWriter
+from nermo_bringup.recording.errors import RecordingError
+from nermo_bringup.recording.reader import Recording
+from nermo_bringup.teleop.script import SECOND, CommandFile, file_script
+from nermo_control.types import Posture, TrajectoryMode
+
+GAITS = ["trot", "lateral_walk"]
+NO_SLIP = {"trot": 0.1, "lateral_walk": 0.07}
+RATE = 200.0
+
+
+@pytest.fixture
+def plan():
+    return make_plan(GAITS, 0.8, walk_duration=10.0, turn_duration=5.0)
+
+
+def test_the_plan_is_a_command_file_that_does_what_its_scenes_say(plan) -> None:
+    script = file_script(CommandFile.model_validate(plan.command_file))
+    assert script.duration == plan.duration * SECOND
+    for scene in plan.scenes:
+        command = script.control_at(round((scene.begin + scene.end) / 2 * SECOND), 0)
+        assert command is not None
+        if scene.kind == "walk":
+            assert (command.gait, command.gait_frequency) == (scene.gait, 0.8)
+            assert command.trajectory_mode is TrajectoryMode.STRAIGHT_LINE
+            assert command.forward_velocity > 0.0
+        elif scene.kind in ("turn_left", "turn_right"):
+            assert command.trajectory_mode is TrajectoryMode.EXTERNAL
+            assert (command.turn_rate > 0.0) == (scene.kind == "turn_left")
+        else:
+            assert command.posture is (Posture.SIT if scene.kind == "sit" else Posture.STAND)
+    assert [scene.gait for scene in plan.scenes if scene.kind == "walk"] == GAITS
+
+
+def test_every_scene_begins_at_rest(plan) -> None:
+    script = file_script(CommandFile.model_validate(plan.command_file))
+    for scene in plan.scenes[1:]:
+        before = script.control_at(round(scene.begin * SECOND) - 1, 0)
+        assert before is not None
+        assert before.forward_velocity == 0.0 or before.posture is not Posture.WALK
+
+
+def track(begin: float, end: float, speed: float, heading: float, turn_rate: float, sway: float = 0.0) -> Track:
+    """A mouse that stands until `begin` at (1, 2), then walks at a speed and turn rate, with an 0.8 Hz sway."""
+    time = np.arange(0.0, end + 2.0, 1.0 / RATE)
+    moving = np.clip(time - begin, 0.0, end - begin)
+    yaw = heading + turn_rate * moving
+    step = speed / RATE * ((time > begin) & (time <= end))
+    x, y = 1.0 + np.cumsum(step * np.cos(yaw)), 2.0 + np.cumsum(step * np.sin(yaw))
+    swing = sway * np.sin(2.0 * math.pi * 0.8 * moving)
+    position = np.column_stack([x - swing * np.sin(heading), y + swing * np.cos(heading), np.full_like(x, 0.06)])
+    return Track(time, position, np.column_stack([0.0 * time, 0.0 * time, yaw]))
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.0, -3.0])
+def test_a_straight_walk_is_measured_along_its_line(heading: float) -> None:
+    walk = judge_walk(track(1.0, 11.0, 0.08, heading, 0.0, sway=0.01), Scene("walk", 1.0, 11.0, "trot"), 0.8)
+    assert walk.distance_m == pytest.approx(0.8, abs=1e-3)
+    assert walk.speed_m_s == pytest.approx(0.08, abs=1e-4)
+    assert walk.lateral_drift_m == pytest.approx(0.0, abs=1e-3)
+    assert walk.heading_error_deg == pytest.approx(0.0, abs=1e-6)
+    assert not walk.fell
+
+
+def test_a_walk_that_bends_to_the_left_drifts_to_the_left() -> None:
+    walk = judge_walk(track(1.0, 11.0, 0.08, 1.0, 0.02), Scene("walk", 1.0, 11.0, "trot"), 0.8)
+    radius = 0.08 / 0.02
+    assert walk.distance_m == pytest.approx(radius * math.sin(0.2), abs=1e-3)
+    # Drift and heading are those of the middle of the last gait cycle, 0.625 s before the end.
+    angle = 0.02 * (10.0 - 0.625)
+    assert walk.lateral_drift_m == pytest.approx(radius * (1.0 - math.cos(angle)), abs=1e-3)
+    assert walk.heading_error_deg == pytest.approx(math.degrees(angle), abs=0.01)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_a_turn_has_its_angle_and_radius(direction: float) -> None:
+    kind = "turn_left" if direction > 0.0 else "turn_right"
+    turn = judge_turn(track(1.0, 6.0, 0.05, 0.0, 0.2 * direction, sway=0.002), Scene(kind, 1.0, 6.0))
+    assert turn.turned_deg == pytest.approx(math.degrees(direction), abs=0.1)
+    assert turn.radius_m == pytest.approx(0.25, rel=0.05)
+    assert turn.direction == kind.removeprefix("turn_")
+
+
+@pytest.mark.parametrize("how", ["tipped over", "on its belly"])
+def test_a_fall_is_seen(how: str) -> None:
+    fallen = track(1.0, 11.0, 0.08, 0.0, 0.0)
+    if how == "tipped over":
+        fallen.roll_pitch_yaw[1000:1100, 0] = 1.0
+    else:
+        fallen.position[1000:1100, 2] = 0.03
+    assert judge_walk(fallen, Scene("walk", 1.0, 11.0, "trot"), 0.8).fell
+
+
+def test_sitting_lifts_the_nose() -> None:
+    seated = track(1.0, 3.0, 0.0, 0.0, 0.0)
+    seated.roll_pitch_yaw[seated.time > 1.5, 1] = -0.2
+    assert sitting_pitch(seated, Scene("sit", 1.0, 3.0)) == pytest.approx(0.2)
+
+
+def good_walks() -> list[Walk]:
+    return [Walk(gait, 0.8, False, 10.0, 0.6, 0.06, 0.01, 2.0, False) for gait in GAITS]
+
+
+def turns(degrees: float = 40.0):
+    return [
+        judge_turn(track(1.0, 6.0, 0.05, 0.0, sign * math.radians(degrees) / 5.0), Scene(kind, 1.0, 6.0))
+        for sign, kind in ((1.0, "turn_left"), (-1.0, "turn_right"))
+    ]
+
+
+def test_a_good_run_passes(plan) -> None:
+    assert complaints(good_walks(), turns(), 0.2, plan, NO_SLIP) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"fell": True}, "trot: the mouse fell"),
+        ({"speed_m_s": 0.02}, "trot: 0.020 m/s, at least 0.040 wanted"),
+        ({"lateral_drift_m": -0.2}, "trot: -0.200 m beside its line"),
+        ({"heading_error_deg": 30.0}, "trot: heading off by +30 deg"),
+        ({"gait": "lateral_walk"}, "not every gait was walked"),
+    ],
+)
+def test_a_bad_walk_is_named(plan, change: dict, complaint: str) -> None:
+    values = {name: getattr(good_walks()[0], name) for name in Walk.__slots__}
+    found = complaints([Walk(**{**values, **change}), good_walks()[1]], turns(), 0.2, plan, NO_SLIP)
+    assert any(complaint in text for text in found), found
+
+
+def test_turns_and_sitting_are_judged(plan) -> None:
+    assert "turn left: 5 deg" in " ".join(complaints(good_walks(), turns(5.0), 0.2, plan, NO_SLIP))
+    assert "sit: the nose rose by 0.6 deg" in " ".join(complaints(good_walks(), turns(), 0.01, plan, NO_SLIP))
+
+
+def test_a_recording_without_ground_truth_is_no_verdict(tmp_path: Path) -> None:
+    BagWriter(tmp_path / "walk").close()
+    with pytest.raises(RecordingError, match="no topic control_command"):
+        read_health(Recording(tmp_path / "walk"))
+    with pytest.raises(RecordingError, match="no ground truth between"):
+        track(1.0, 2.0, 0.1, 0.0, 0.0).between(100.0, 101.0)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+def test_the_demo_walks_the_whole_graph_and_leaves_nothing_running(tmp_path: Path) -> None:
+    """The rclpy graph as a user starts it."""
+    out, results = tmp_path / "demo", tmp_path / "demo.json"
+    command = [sys.executable, "-m", "nermo_bringup", "demo", "--quick", "--stepped", "--no-video"]
+    done = subprocess.run(
+        [*command, "--out", str(out), "--json", str(results)], capture_output=True, text=True, check=False, timeout=390
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    facts = json.loads(results.read_text())
+    assert facts["passed"] is True
+    assert [walk["gait"] for walk in facts["walks"]] == ["trot", "walking_trot", "lateral_walk"]
+    assert not any(walk["fell"] for walk in facts["walks"])
+    assert {"p50", "p99", "max"} == set(facts["graph"]["command_age_ms"])
+    assert facts["graph"]["ticks_missed"] == 0
+    assert all(Path(path).stat().st_size > 0 for path in facts["pictures"])
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            words = (process / "cmdline").read_bytes()
+        except OSError:
+            continue
+        assert os.fsencode(out) not in words, words

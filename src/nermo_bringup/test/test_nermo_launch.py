@@ -1,0 +1,53 @@
+"""The launch file that users start, in all its variants, against what the packages install."""
+
+from itertools import product
+from pathlib import Path
+
+import pytest
+
+from nermo_bringup.launch.description import load, load_arguments
+from nermo_bringup.launch.xml import LaunchError
+
+FILE = Path(__file__).parents[1] / "launch" / "nermo.launch.xml"
+CONTROL = {"gait_knowledge_base", "high_level_controller", "motion_module", "trajectory_generator", "state_publisher"}
+
+
+@pytest.mark.parametrize(
+    ("target", "teleop", "record"), product(("sim", "serial", "link"), ("joystick", "joy_node", "none"), ("none", "x"))
+)
+def test_every_variant_has_its_nodes_once(target, teleop, record):
+    nodes = load(FILE, {"target": target, "teleop": teleop, "record": record}).nodes
+    body = {"sim": "mujoco_sim", "serial": "serial_driver", "link": "zenoh_link"}[target]
+    wanted = CONTROL | {body, "leg_load_estimator"}
+    wanted |= {"joystick", "teleop"} if teleop != "none" else set()
+    wanted |= {"recorder"} if record != "none" else set()
+    assert sorted(node.name for node in nodes) == sorted(wanted)
+    assert {node.namespace for node in nodes} == {"/nermo"}
+
+
+@pytest.mark.parametrize(("target", "expected"), [("sim", True), ("serial", False)])
+def test_nodes_follow_the_clock_of_the_twin_only(target, expected):
+    nodes = [node for node in load(FILE, {"target": target}).nodes if node.package == "nermo_control"]
+    assert nodes
+    for node in nodes:
+        assert dict(node.parameters)["use_sim_time"] is expected
+
+
+def test_two_mice_share_a_graph():
+    one = load(FILE, {"namespace": "mouse_1", "frame_prefix": "mouse_1/"}).nodes
+    two = load(FILE, {"namespace": "mouse_2", "frame_prefix": "mouse_2/", "publish_clock": "false"}).nodes
+    assert not {node.full_name for node in one} & {node.full_name for node in two}
+    (twin,) = (node for node in two if node.name == "mujoco_sim")
+    assert dict(twin.parameters)["publish_clock"] is False
+
+
+def test_arguments_are_listed_with_their_meaning():
+    arguments = {argument.name: argument for argument in load_arguments(FILE)}
+    assert arguments["target"].choices == ("sim", "serial", "link")
+    assert arguments["use_sim_time"].default == "$(equals $(var target) sim)"
+    assert all(argument.description for argument in arguments.values())
+
+
+def test_wrong_target_is_refused():
+    with pytest.raises(LaunchError, match="target:=moon is not one of: sim, serial, link"):
+        load(FILE, {"target": "moon"})

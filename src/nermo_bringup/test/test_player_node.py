@@ -1,0 +1,74 @@
+"""The command player as a process in a real graph."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from rosgraph_msgs.msg import Clock
+
+from nermo_interfaces.msg import ControlCommand
+
+PLAYER = "nermo_bringup.nodes.command_player"
+WALK = (
+    "{duration: 0.3, commands: [{at: 0, posture: stand}, {at: 0.1, posture: walk, forward_velocity: 0.05, gait: trot}]}"
+)
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> str:
+    path = tmp_path / "walk.yaml"
+    path.write_text(WALK)
+    return str(path)
+
+
+def test_a_file_is_played_at_its_pace_and_ends_with_a_stop(graph, file: str) -> None:
+    heard: list[ControlCommand] = []
+    graph.node.create_subscription(ControlCommand, "control_command", heard.append, 50)
+    player = graph.start(PLAYER, *graph.parameters(file=file))
+    graph.spin_until(lambda: len(heard) > 1 and heard[-1].forward_velocity == 0.0 and heard[-1].posture == 0, "the end")
+    assert player.wait(timeout=30) == 0
+    assert heard[0].posture == ControlCommand.POSTURE_STAND
+    stamps = [message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec for message in heard]
+    assert stamps == sorted(stamps)
+    walking = [message for message in heard if message.forward_velocity == 0.05]
+    assert walking
+    assert {message.gait for message in walking} == {"trot"}
+
+
+def test_in_lockstep_each_tick_gets_its_own_command(graph, file: str) -> None:
+    heard: list[ControlCommand] = []
+    graph.node.create_subscription(ControlCommand, "control_command", heard.append, 50)
+    clock = graph.node.create_publisher(Clock, "/clock", 10)
+    graph.start(PLAYER, *graph.parameters(file=file, lockstep=True))
+    graph.spin_until(lambda: clock.get_subscription_count() > 0, "the player hears the clock")
+    graph.spin_until(lambda: graph.node.count_publishers("control_command") > 0, "the player is heard")
+    tick = 0
+
+    def stamp(message: ControlCommand) -> int:
+        return round((message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec) * 1000)
+
+    def advance() -> bool:
+        # As a stepped simulation does: the next tick comes when this one was answered, and not before.
+        nonlocal tick
+        if not heard or stamp(heard[-1]) == tick:
+            tick += 5 if heard else 0
+            message = Clock()
+            message.clock.nanosec = tick * 1_000_000
+            clock.publish(message)
+        return tick > 250
+
+    graph.spin_until(advance, "a quarter of a second of simulation has passed")
+    first = stamp(heard[0])
+    by_tick = {stamp(message) - first: message.forward_velocity for message in heard}
+    assert by_tick == {tick: (0.05 if tick >= 100 else 0.0) for tick in range(0, max(by_tick) + 1, 5)}
+
+
+def test_a_wrong_file_ends_the_player_with_one_sentence(graph, tmp_path: Path) -> None:
+    path = tmp_path / "walk.yaml"
+    path.write_text("commands: [{at: 0, gait_frequency: 50}]")
+    player = graph.start(PLAYER, *graph.parameters(file=str(path)))
+    output, _ = player.communicate(timeout=30)
+    assert player.returncode == 1
+    assert f"{path}: commands.0.gait_frequency: is 50" in output
+    assert "Traceback" not in output

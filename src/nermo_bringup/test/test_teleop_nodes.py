@@ -1,0 +1,132 @@
+"""Pad, keyboard and teleop as processes in a real graph."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pty
+import signal
+import termios
+from pathlib import Path
+
+import pytest
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool
+
+from nermo_interfaces.msg import ControlCommand
+from nermo_node import qos
+
+PADS = Path(__file__).parents[1] / "config" / "pads"
+
+VIRTUAL_PAD = """
+import os, sys
+os.environ["SDL_VIDEODRIVER"] = "dummy"
+import sdl2
+from nermo_bringup.nodes import joystick
+# The pad is there before the node opens it, as on a robot that boots with its pad plugged in.
+sdl2.SDL_Init(sdl2.SDL_INIT_GAMECONTROLLER)
+index = sdl2.SDL_JoystickAttachVirtual(sdl2.SDL_JOYSTICK_TYPE_GAMECONTROLLER, 6, 15, 0)
+pad = sdl2.SDL_JoystickOpen(index)
+sdl2.SDL_JoystickSetVirtualAxis(pad, 1, -32768)
+sdl2.SDL_JoystickSetVirtualButton(pad, 9, 1)
+sys.exit(joystick.main())
+"""
+
+
+class Listener:
+    """Collects what teleop sends."""
+
+    def __init__(self, graph) -> None:
+        self.commands: list[ControlCommand] = []
+        self.stops: list[bool] = []
+        graph.node.create_subscription(ControlCommand, "control_command", self.commands.append, 10)
+        graph.node.create_subscription(
+            Bool, "emergency_stop", lambda message: self.stops.append(message.data), qos.LATCHED
+        )
+
+
+@pytest.fixture
+def heard(graph) -> Listener:
+    return Listener(graph)
+
+
+def joy(*buttons: int, forward: float = 0.0) -> Joy:
+    message = Joy(axes=[0.0, forward, 0.0, 0.0, 0.0, 0.0], buttons=[0] * 15)
+    for button in buttons:
+        message.buttons[button] = 1
+    return message
+
+
+LEFT_BUMPER, B = 9, 1
+
+
+def test_a_pad_drives_through_the_joy_topic(graph, heard) -> None:
+    graph.start("nermo_bringup.nodes.teleop", *graph.parameters(pad=str(PADS / "xbox.yaml"), max_forward_velocity=0.1))
+    graph.run(VIRTUAL_PAD)
+    graph.spin_until(lambda: len(heard.commands) > 3, "the stick walks the mouse")
+    assert heard.commands[-1].forward_velocity == pytest.approx(0.05, abs=1e-3)
+    assert heard.commands[-1].header.frame_id == "base_link"
+    assert heard.commands[-1].header.stamp.sec > 0
+
+
+def test_a_lost_pad_stops_the_mouse_and_a_button_stops_it_for_good(graph, heard) -> None:
+    graph.start("nermo_bringup.nodes.teleop", *graph.parameters(pad=str(PADS / "xbox.yaml")))
+    publisher = graph.node.create_publisher(Joy, "joy", 10)
+    graph.spin_until(lambda: publisher.get_subscription_count() > 0, "teleop listens")
+
+    def walking() -> bool:
+        publisher.publish(joy(LEFT_BUMPER, forward=1.0))
+        return bool(heard.commands) and heard.commands[-1].forward_velocity > 0.0
+
+    graph.spin_until(walking, "the mouse is told to walk")
+    graph.spin_until(lambda: heard.commands[-1].forward_velocity == 0.0, "the lost pad stops the mouse")
+    publisher.publish(joy(B))
+    graph.spin_until(lambda: heard.stops == [True], "the emergency stop is sent")
+    graph.spin_until(lambda: heard.commands[-1].posture == ControlCommand.POSTURE_STOP, "the posture is STOP")
+
+
+def test_an_unknown_pad_ends_teleop_with_one_sentence(graph) -> None:
+    teleop = graph.start("nermo_bringup.nodes.teleop", *graph.parameters(pad="/nowhere/pad.yaml"))
+    output, _ = teleop.communicate(timeout=30)
+    assert teleop.returncode == 1
+    assert "/nowhere/pad.yaml: cannot be read" in output
+    assert "Traceback" not in output
+
+
+@pytest.mark.parametrize("ending", ["escape", "terminate"])
+def test_the_keyboard_drives_and_gives_the_terminal_back(graph, heard, ending: str) -> None:
+    controller, terminal = pty.openpty()
+    before = termios.tcgetattr(terminal)
+    teleop = graph.start("nermo_bringup.nodes.keyboard_teleop", terminal=terminal)
+    shown: list[bytes] = []
+
+    def screen() -> bytes:
+        os.set_blocking(controller, False)
+        with contextlib.suppress(BlockingIOError):
+            shown.append(os.read(controller, 65536))
+        return b"".join(shown)
+
+    graph.spin_until(lambda: b"EMERGENCY STOP; 1 ends it" in screen(), "the help is shown")
+    graph.spin_until(lambda: graph.node.count_publishers("control_command") > 0, "teleop is in the graph")
+    os.write(controller, b"w")
+    graph.spin_until(lambda: bool(screen()) and bool(heard.commands), "the key is a command")
+    assert heard.commands[-1].forward_velocity > 0.0
+    graph.spin_until(lambda: bool(screen()) and heard.commands[-1].forward_velocity == 0.0, "the released key stops")
+    if ending == "escape":
+        os.write(controller, b"\x1b")
+    else:
+        teleop.send_signal(signal.SIGTERM)
+    while teleop.poll() is None:
+        screen()
+    assert teleop.returncode == 0
+    assert termios.tcgetattr(terminal) == before
+    os.close(controller)
+    os.close(terminal)
+
+
+def test_a_keyboard_teleop_without_a_terminal_says_so(graph) -> None:
+    teleop = graph.start("nermo_bringup.nodes.keyboard_teleop")
+    output, _ = teleop.communicate(timeout=30)
+    assert teleop.returncode == 1
+    assert "needs a terminal" in output
+    assert "Traceback" not in output
