@@ -1,0 +1,1 @@
+"""The real robot's path: SBCP protocol, serial driver, Wi-Fi link and safety supervisor."""
