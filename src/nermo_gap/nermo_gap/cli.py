@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from nermo_gap.core.diagnose import Diagnosis, Options, diagnose, write_report
+from nermo_gap.core.diagnose import Diagnosis, Options, diagnose, write_experiment, write_report
 from nermo_gap.core.errors import GapInputError
 from nermo_gap.core.library import load_effects
 from nermo_gap.core.mapping import load_map
@@ -65,6 +65,8 @@ def diagnose_command(
     except GapInputError as error:
         _fail(str(error), 2)
     found.report["command"] = " ".join(["nermo gap diagnose", *sys.argv[2:]])
+    if out or json_:
+        write_experiment(found, out or json_.parent)  # type: ignore[union-attr]
     for path in filter(None, [json_, out / "diagnosis.json" if out else None]):
         write_report(found.report, path)
     _print(found)
@@ -99,6 +101,9 @@ def _print(found: Diagnosis) -> None:
         console.print(table)
     for group in report["equivalent"]:
         console.print("not told apart: " + ", ".join(group))
+    if report["next_experiment"]:
+        proposed = report["next_experiment"]
+        console.print(f"next: {proposed['description']} (expected gain {proposed['expected_gain']:.1f} nats)")
     for warning in report["warnings"]:
         console.print(f"[yellow]warning:[/yellow] {warning}")
     console.print(f"{report['wall_s']:.1f} s")

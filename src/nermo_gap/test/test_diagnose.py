@@ -55,7 +55,8 @@ def test_nuisances_take_up_nominal_numbers_that_are_off() -> None:
     plant, aligned, floor = aligned_of("arm", simulate("arm", 10.0, change=off))
     replayer = Replayer(plant, aligned, cut(aligned), floor)
     residuals = Residuals.build(replayer, Variant.nominal(plant))
-    fitter = Fitter(residuals, enumerate_nuisances(plant, aligned.outputs.std(axis=0), aligned.period))
+    nuisances = enumerate_nuisances(plant, aligned.outputs.std(axis=0), np.ones(len(plant.inputs)), aligned.period)
+    fitter = Fitter(residuals, nuisances)
     fit = fitter.fit_nuisances()
     assert fitter.nominal is not None
     before, after = (channel_gap(f.residual, residuals.mask) for f in (fitter.nominal, fit))

@@ -108,7 +108,7 @@ def test_shifted_com_equals_a_recompiled_model() -> None:
 
 def test_nuisances_move_the_model_both_ways() -> None:
     plant, aligned, _ = aligned_of("leg", simulate("leg", 6.0))
-    for nuisance in enumerate_nuisances(plant, aligned.outputs.std(axis=0), aligned.period):
+    for nuisance in enumerate_nuisances(plant, aligned.outputs.std(axis=0), np.ones(len(plant.inputs)), aligned.period):
         changed = []
         for z in (-1.0, 0.0, 1.0):
             variant = Variant.nominal(plant)

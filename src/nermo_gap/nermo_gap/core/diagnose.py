@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 from nermo_gap.core.align import Aligned, align
 from nermo_gap.core.baselines import best_in_sample, fit_everything
 from nermo_gap.core.effects.base import Context, Effect
+from nermo_gap.core.experiment import GenericMenu, Menu
 from nermo_gap.core.fit import Fit, Fitter, Hypothesis
 from nermo_gap.core.isolability import isolability
 from nermo_gap.core.library import enumerate_effects
+from nermo_gap.core.next_experiment import Proposal, propose
 from nermo_gap.core.noise import noise_floor
 from nermo_gap.core.nuisance import enumerate_nuisances
 from nermo_gap.core.plant import Plant
@@ -55,17 +57,25 @@ class Options:
     only: tuple[str, ...] = ()
     """Names of the effects to consider; all where empty."""
     progress: Progress | None = None
+    menu: Menu | None = None
+    """Where the next experiment is chosen from; by default the one that suits any robot with inputs."""
+
+    def say(self, stage: str, share: float) -> None:
+        """Report progress."""
+        if self.progress:
+            self.progress(stage, share)
 
 
 @dataclass
 class Diagnosis:
-    """Everything that was found; ``report`` is diagnosis.json."""
+    """Everything that was found; ``report`` is diagnosis.json; ``proposal`` is None where nothing is open or safe."""
 
     verdict: Verdict
     selection: Selection
     selector: Selector
     aligned: Aligned
     report: dict[str, Any]
+    proposal: Proposal | None = None
 
 
 def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | None = None) -> Diagnosis:
@@ -85,18 +95,23 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     nominal = Variant.nominal(plant)
     context = Context(plant, measure_scales(replayer, nominal), options.groups)
     effects = enumerate_effects(context, options.extra_effects, options.only)
-    nuisances = enumerate_nuisances(plant, aligned.outputs.std(axis=0), aligned.period)
+    size = np.sqrt((aligned.inputs**2).mean(axis=0))
+    nuisances = enumerate_nuisances(plant, aligned.outputs.std(axis=0), size, aligned.period)
     residuals = Residuals.build(replayer, nominal)
     fitter = Fitter(residuals, nuisances)
     selector = Selector(fitter, effects, options.seed, options.progress)
     selection = selector.run()
     structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
     verdict = judge(selector, selection, structure)
+    proposal = propose(
+        fitter, verdict.open, options.menu, options.seed, lambda share: options.say("next experiment", share)
+    )
     report = _report(aligned, floor, selector, selection, verdict, structure, options)
+    report["next_experiment"] = proposal.report() if proposal else None
     report["warnings"] = warnings
     report["replayed_s"] = replayer.simulated_seconds
     report["wall_s"] = time.monotonic() - started
-    return Diagnosis(verdict, selection, selector, aligned, report)
+    return Diagnosis(verdict, selection, selector, aligned, report, proposal)
 
 
 def _report(
@@ -229,6 +244,16 @@ def _baselines(fitter: Fitter, selector: Selector, selection: Selection, options
     if options.baselines:
         found["fit_everything"] = fit_everything(fitter, selector)
     return found
+
+
+def write_experiment(found: Diagnosis, folder: str | Path, menu: Menu | None = None) -> Path | None:
+    """Write the command file of the proposed experiment into a folder, and its name into the report."""
+    if found.proposal is None:
+        return None
+    plant = found.selector.fitter.residuals.replayer.plant
+    path = (menu or GenericMenu()).write(found.proposal.experiment, plant, Path(folder) / "next_experiment")
+    found.report["next_experiment"]["file"] = path.name
+    return path
 
 
 def write_report(report: dict[str, Any], path: str | Path) -> None:

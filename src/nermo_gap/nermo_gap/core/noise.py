@@ -28,20 +28,29 @@ def noise_floor(aligned: Aligned) -> Array:
     return floor
 
 
+def input_noise(aligned: Aligned) -> Array:
+    """Standard deviation of the white noise of every input, (ni,) in the channel's unit; 0 for one that is exact."""
+    return _deviation(aligned, aligned.inputs, np.ones(aligned.inputs.shape, bool))
+
+
 def _spread(aligned: Aligned, i: int) -> float:
     low, high = np.percentile(aligned.outputs[aligned.valid[:, i], i], [2, 98]) if aligned.valid[:, i].any() else (0, 0)
     return float(high - low)
 
 
 def _high_frequency(aligned: Aligned) -> Array:
+    return _deviation(aligned, aligned.outputs, aligned.valid)
+
+
+def _deviation(aligned: Aligned, values: Array, valid: NDArray[np.bool_]) -> Array:
     """Robust deviation from a local cubic over 7 samples, corrected for what the cubic takes with it."""
     smoother = savgol_coeffs(_WINDOW, _ORDER)
     kept = float(np.sqrt(1.0 - smoother[_WINDOW // 2]))
-    floor = np.zeros(aligned.outputs.shape[1])
-    for i in range(aligned.outputs.shape[1]):
+    floor = np.zeros(values.shape[1])
+    for i in range(values.shape[1]):
         residuals = []
         for run in aligned.runs:
-            y, ok = aligned.outputs[run.start : run.stop, i], aligned.valid[run.start : run.stop, i]
+            y, ok = values[run.start : run.stop, i], valid[run.start : run.stop, i]
             if len(y) <= _WINDOW:
                 continue
             residual = (y - np.convolve(y, smoother, mode="same"))[_WINDOW:-_WINDOW]

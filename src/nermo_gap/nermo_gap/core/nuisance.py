@@ -26,6 +26,8 @@ TIMING = 0.25
 """Of a sample period plus a time step: neither stamps nor a coarse step against a continuous robot are better."""
 ZERO = 0.004
 """[rad or m] of a position sensor's zero, as a share of its range of motion where that is smaller."""
+INPUT_OFFSET = 0.03
+"""Zero of a measured input, as a share of its root mean square."""
 BOX = 2.0
 """Nuisances stay within this many standard deviations: what lies beyond is an effect."""
 _MANY = 12
@@ -40,10 +42,11 @@ class Nuisance:
     apply: Callable[[Variant, float], None]
 
 
-def enumerate_nuisances(plant: Plant, output_swing: Array, period: float) -> list[Nuisance]:
+def enumerate_nuisances(plant: Plant, output_swing: Array, input_size: Array, period: float) -> list[Nuisance]:
     """The nuisances of a plant.
 
-    ``output_swing`` (no,) is each output's spread in the recording, ``period`` [s] that of its samples.
+    ``output_swing`` (no,) is each output's spread in the recording, ``input_size`` (ni,) each input's root mean square,
+    ``period`` [s] that of the samples.
     """
     model = plant.model
     found = [Nuisance("timing of inputs", _timing(TIMING * (period + float(model.opt.timestep))))]
@@ -76,6 +79,8 @@ def enumerate_nuisances(plant: Plant, output_swing: Array, period: float) -> lis
     for i, channel in enumerate(plant.inputs):
         if channel.actuator < 0:
             found.append(Nuisance(f"scale {channel.name}", _input_scale(i)))
+        if channel.measured or channel.actuator < 0:
+            found.append(Nuisance(f"zero {channel.name}", _input_zero(i, INPUT_OFFSET * float(input_size[i]))))
     world, feet = colliding(model)
     if feet:
         found.append(Nuisance("ground friction", _ground(world, feet)))
@@ -140,6 +145,13 @@ def _rate_gain(actuator: int) -> Callable[[Variant, float], None]:
 def _input_scale(channel: int) -> Callable[[Variant, float], None]:
     def apply(variant: Variant, z: float) -> None:
         variant.inputs.scale[channel] *= np.exp(GAIN * z)
+
+    return apply
+
+
+def _input_zero(channel: int, sd: float) -> Callable[[Variant, float], None]:
+    def apply(variant: Variant, z: float) -> None:
+        variant.inputs.offset[channel] += sd * z
 
     return apply
 

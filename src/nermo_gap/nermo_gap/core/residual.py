@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from nermo_gap.core.noise import input_noise
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.variant import Variant
 
@@ -20,13 +21,21 @@ _START_SD = 2.0
 """Standard errors of the smoother understate how well a window's start is known: it also bends corners."""
 
 
+_KNOTS = 7
+"""An error of a measured input is a line through so many points of a window."""
+_INPUT_ERRORS = (0.005, 0.01, 0.02, 0.05)
+"""Sizes of that error, in root mean squares of the input, of which the likeliest is taken. Torques that are computed
+from a motor's current ripple by several per cent; what is larger than that is for an effect to explain."""
+
+
 @dataclass
 class Residuals:
     """Turns replayed outputs into whitened residuals.
 
     A window starts where the recording says, which is only as good as its sensors: an error of the start grows with
     the dynamics and would pass for a gap. Its covariance S S' (S: response of the window to one standard error of each
-    coordinate and rate) is added to that of the noise, and residuals are whitened with (I + S S')^(-1/2).
+    coordinate and rate) is added to that of the noise, and residuals are whitened with (I + S S')^(-1/2). A measured
+    input is no better: S has columns for its error too, white noise and a slow wander of unknown size.
 
     Attributes:
         live: (nl,) indices of the outputs that are compared.
@@ -39,6 +48,8 @@ class Residuals:
     mask: NDArray[np.bool_]
     _basis: Array
     _shrink: Array
+    input_error: float = 0.0
+    """Size of the wander of measured inputs, in their root mean square."""
 
     @classmethod
     def build(cls, replayer: Replayer, reference: Variant, start: bool = True) -> Residuals:
@@ -102,9 +113,45 @@ class Residuals:
             [reference], which, window, np.repeat(shift, nw, axis=0), np.repeat(rate_shift, nw, axis=0)
         )
         raw = self.raw(outputs.reshape(count, nw, *outputs.shape[1:])).reshape(count, nw, -1)
-        sensitivity = np.moveaxis(raw[1:] - raw[0], 0, -1)
-        basis, scale, _ = np.linalg.svd(sensitivity, full_matrices=False)
-        self._basis, self._shrink = basis, 1.0 - 1.0 / np.sqrt(1.0 + scale**2)
+        start = np.moveaxis(raw[1:] - raw[0], 0, -1)
+        white, wander = self._input_responses(reference, raw[0])
+        tried = []
+        for level in _INPUT_ERRORS if white.shape[-1] else (0.0,):
+            # Both errors live on the same points of a window: their variances add.
+            inputs = white * np.sqrt(1.0 + (level * wander) ** 2)
+            basis, scale, _ = np.linalg.svd(np.concatenate([start, inputs], axis=-1), full_matrices=False)
+            amounts = np.einsum("wmk,wm->wk", basis, raw[0])
+            fit = (raw[0] ** 2).sum() - (amounts**2 * scale**2 / (1.0 + scale**2)).sum()
+            tried.append((fit + np.log1p(scale**2).sum(), level, basis, scale))
+        _, self.input_error, self._basis, scale = min(tried, key=lambda t: t[0])
+        self._shrink = 1.0 - 1.0 / np.sqrt(1.0 + scale**2)
+
+    def _input_responses(self, reference: Variant, base: Array) -> tuple[Array, Array]:
+        """Responses (nw, m, k) to white noise of measured inputs at points of a window, and their size in it (k,).
+
+        The size of an input is its root mean square.
+        """
+        aligned, windows, plant = self.replayer.aligned, self.replayer.windows, self.replayer.plant
+        measured = [i for i, c in enumerate(plant.inputs) if c.measured or c.actuator < 0]
+        if not measured:
+            return np.zeros((*base.shape, 0)), np.zeros(0)
+        spacing = windows.length / (_KNOTS - 1)
+        distance = np.abs(np.arange(windows.length)[:, None] / spacing - np.arange(_KNOTS))
+        hats = np.maximum(1.0 - distance, 0.0)
+        rows = windows.start[:, None] + np.arange(windows.length)
+        size = np.sqrt((aligned.inputs**2).mean(axis=0))
+        # A point stands for ``spacing`` samples, whose noise averages out.
+        noise = np.maximum(input_noise(aligned) / np.sqrt(spacing), 1e-4 * size)
+        variants, ratio = [], []
+        for i in measured:
+            for k in range(_KNOTS):
+                variant = reference.copy()
+                variant.inputs.added = np.zeros_like(aligned.inputs)
+                variant.inputs.added[rows, i] = noise[i] * hats[:, k]
+                variants.append(variant)
+                ratio.append(float(size[i] / max(noise[i], 1e-300)))
+        raw = self.raw(self.replayer.run(variants)).reshape(len(variants), *base.shape)
+        return np.moveaxis(raw - base, 0, -1), np.array(ratio)
 
     def _quaternions(self) -> list[list[int]]:
         """Positions (among the live outputs) of complete quaternions."""

@@ -19,7 +19,11 @@ def shape_inputs(aligned: Aligned, paths: Sequence[InputPath]) -> Array:
         np.stack([getattr(p, n) for p in paths]) for n in ("scale", "offset", "rate_limit", "play")
     )
     low, high = np.stack([p.low for p in paths]), np.stack([p.high for p in paths])
-    u = np.clip(aligned.inputs[None] * scale[:, None] + offset[:, None], low[:, None], high[:, None])
+    u = aligned.inputs[None] * scale[:, None] + offset[:, None]
+    for i, path in enumerate(paths):
+        if path.added is not None:
+            u[i] += path.added
+    u = np.clip(u, low[:, None], high[:, None])
     slow = np.flatnonzero((np.isfinite(rate) | (play > 0)).any(axis=1))
     if len(slow):
         u[slow] = _remember(u[slow], aligned, rate[slow] * aligned.period, 0.5 * play[slow])

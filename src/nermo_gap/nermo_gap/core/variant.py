@@ -28,6 +28,8 @@ class InputPath:
     """Full width of a hysteresis (play operator) of the command."""
     low: Array
     high: Array
+    added: Array | None = None
+    """(n, ni) on the grid: an error of a measured input, sample by sample."""
 
     @classmethod
     def neutral(cls, plant: Plant) -> InputPath:
@@ -42,7 +44,8 @@ class InputPath:
 
     def key(self) -> bytes:
         """Equal for paths that do the same to the samples (the delay acts later, between samples)."""
-        return np.concatenate([self.scale, self.offset, self.rate_limit, self.play, self.low, self.high]).tobytes()
+        numbers = np.concatenate([self.scale, self.offset, self.rate_limit, self.play, self.low, self.high]).tobytes()
+        return numbers if self.added is None else numbers + self.added.tobytes()
 
 
 @dataclass

@@ -36,6 +36,7 @@ class Verdict:
         kind: no_gap, effect, ambiguous or unknown.
         equivalent: classes of effects (name@site) that the data cannot tell apart.
         angles: {pair: angle [deg]} between what rivals change, nuisances taken out.
+        open: fits between which the next experiment should decide, the winner first.
     """
 
     kind: str
@@ -43,6 +44,7 @@ class Verdict:
     reasons: list[str] = field(default_factory=list)
     equivalent: list[list[str]] = field(default_factory=list)
     angles: dict[str, float] = field(default_factory=dict)
+    open: list[Fit] = field(default_factory=list)
 
 
 def judge(selector: Selector, selection: Selection, structure: float) -> Verdict:
@@ -52,6 +54,7 @@ def judge(selector: Selector, selection: Selection, structure: float) -> Verdict
     if best is reference:
         if best.gap > SMALL and structure > STRUCTURE:
             verdict.kind = "unknown"
+            verdict.open = [s.fit for s in selection.singles[:2]] + [reference.fit]
             verdict.reasons.append(
                 f"no known effect earns its place, yet a gap of {best.gap:.1f} noise floors remains "
                 f"and {100 * structure:.0f} % of it is predictable"
@@ -64,6 +67,8 @@ def judge(selector: Selector, selection: Selection, structure: float) -> Verdict
     verdict.equivalent = _equivalents(selector, selection, verdict)
     if doubts:
         verdict.kind, verdict.reasons = "unknown", doubts
+        if not verdict.open:
+            verdict.open = [best.fit, *(r.fit for r in selection.rivals[1:3])]
     elif verdict.equivalent:
         verdict.kind = "ambiguous"
         verdict.reasons.append("held-out data do not tell these apart: " + ", ".join(verdict.equivalent[0]))
@@ -135,6 +140,7 @@ def _equivalents(selector: Selector, selection: Selection, verdict: Verdict) -> 
             alike.append(rival)
     if not alike:
         return []
+    verdict.open = [best.fit, *(r.fit for r in alike)]
     different = [sorted(_names(r.fit) - mine) for r in alike]
     changed = sorted(mine - set[str].intersection(*(_names(r.fit) for r in alike)))
     return [[" + ".join(changed) or best.key, *(" + ".join(d) for d in different if d)]]
