@@ -1,0 +1,1 @@
+"""The device emulator: what Nermo's firmware does, as a program of its own."""

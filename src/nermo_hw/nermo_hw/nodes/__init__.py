@@ -1,0 +1,1 @@
+"""ROS nodes of the real robot's path."""

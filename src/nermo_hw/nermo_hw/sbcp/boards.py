@@ -1,0 +1,357 @@
+"""Nermo's electronics as the line sees them: boards, their registers, and the payloads of the low-latency exchange.
+
+This file is the data sheet in code; docs/sbcp.md is generated from it in words and a test holds the two together.
+All numbers are little-endian. Angles are those of the servos as mounted: the driver's calibration makes joint angles
+of them.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nermo_description.parameters import LEGS
+from nermo_hw.sbcp.packet import DeviceClass
+from nermo_hw.sbcp.registers import Access, Kind, Register
+
+PROTOCOL_VERSION = 0x0100
+"""1.0"""
+FIRMWARE_VERSION = 0x0100
+
+CHANNELS = 4
+"""Servo channels of a servo board."""
+SERVO_BOARDS: dict[int, tuple[str | None, ...]] = {
+    1: ("front_left_hip", "front_left_knee", "head_pan", None),
+    2: ("front_right_hip", "front_right_knee", "head_tilt", None),
+    3: ("rear_left_hip", "rear_left_knee", "spine_lateral", "spine_vertical"),
+    4: ("rear_right_hip", "rear_right_knee", "tail", None),
+}
+"""ID of each servo board: its servos. One a leg, with its knee encoder and tactile cells; in the order of LEGS."""
+LEG_OF_BOARD = dict(zip(SERVO_BOARDS, LEGS, strict=True))
+BODY_BOARD = (int(DeviceClass.BODY_BOARD), 1)
+"""IMU and battery."""
+BUS_CONTROLLER = (int(DeviceClass.BUS_CONTROLLER), 1)
+
+BUS_BAUD = 3_333_333
+"""Of the RS-485 bus behind the bus controller [bit/s] (C 5.3.1.1)."""
+BITS_PER_BYTE = 10
+"""With one start and one stop bit, no parity."""
+REPLY_DELAY = 10e-6
+"""From the end of a packet to the begin of the answer [s] (C 5.3.2)."""
+REPLY_TIMEOUT = 20e-6
+"""Silence after which the bus controller gives a slave up [s] (C 5.3.2)."""
+LOOP_PERIOD_NS = 1_000_000
+"""Of a board's main loop: PID, sensors, trajectory interpolation."""
+
+ANGLE = 1e-4
+"""[rad] an increment of angles"""
+SPEED = 1e-3
+"""[rad/s]"""
+CURRENT = 1e-3
+"""[A]"""
+TACTILE = 2e-4
+"""[V]"""
+QUATERNION = 1.0 / 16384.0
+RATE = 1e-3
+"""[rad/s]"""
+ACCELERATION = 2e-3
+"""[m/s^2]"""
+VOLTAGE = 1e-3
+"""[V]"""
+
+STANDARD = (
+    Register(0x00, "device_class", Kind.U8, Access.READ_ONLY, "kind of device, first half of its address"),
+    Register(0x01, "device_id", Kind.U8, Access.STORED, "second half of its address", default=1, lower=1, upper=254),
+    Register(
+        0x02, "protocol_version", Kind.U16, Access.READ_ONLY, "major and minor, a byte each", default=PROTOCOL_VERSION
+    ),
+    Register(
+        0x03, "firmware_version", Kind.U16, Access.READ_ONLY, "major and minor, a byte each", default=FIRMWARE_VERSION
+    ),
+    Register(0x04, "serial_number", Kind.U32, Access.READ_ONLY, "unique within a class"),
+    Register(0x05, "uptime", Kind.U32, Access.READ_ONLY, "since the start", unit="ms"),
+    Register(0x06, "bad_packets", Kind.U32, Access.READ_ONLY, "packets with a wrong checksum since the start"),
+    Register(0x07, "faults", Kind.U16, Access.READ_WRITE, "see faults; writing 0 acknowledges", upper=0),
+)
+"""Registers that every device has (C 5.3.1.3)."""
+
+SERVO_BOARD_REGISTERS = (
+    *STANDARD,
+    Register(
+        0x10,
+        "point_period",
+        Kind.U16,
+        Access.READ_WRITE,
+        "time between two trajectory points, in loops of the board; at least two (C 5.3.3)",
+        default=5,
+        lower=2,
+        upper=1000,
+        unit="ms",
+    ),
+    Register(
+        0x11,
+        "heuristics",
+        Kind.U8,
+        Access.READ_WRITE,
+        "over- and underflow heuristics of C 5.3.3 on (1) or off (0)",
+        default=1,
+        upper=1,
+    ),
+    Register(
+        0x12,
+        "watchdog",
+        Kind.U16,
+        Access.STORED,
+        "servos go limp when no exchange came for so long",
+        default=500,
+        lower=20,
+        upper=10_000,
+        unit="ms",
+    ),
+    Register(
+        0x13,
+        "current_limit",
+        Kind.U16,
+        Access.STORED,
+        "a servo that draws more for over_current_time goes limp",
+        default=1200,
+        lower=50,
+        upper=5000,
+        unit="mA",
+    ),
+    Register(
+        0x14,
+        "over_current_time",
+        Kind.U16,
+        Access.STORED,
+        "see current_limit",
+        default=500,
+        lower=1,
+        upper=10_000,
+        unit="ms",
+    ),
+    Register(0x18, "missed_points", Kind.U32, Access.READ_ONLY, "interpolation periods that had no point to go to"),
+    Register(0x19, "filled_buffer_steps", Kind.U32, Access.READ_ONLY, "periods shortened because points were waiting"),
+    Register(0x1A, "dropped_points", Kind.U32, Access.READ_ONLY, "points that were never gone to"),
+)
+
+BODY_BOARD_REGISTERS = (
+    *STANDARD,
+    Register(0x10, "robot", Kind.TEXT, Access.STORED, "name of the robot that this is built into", default="nermo"),
+    Register(0x11, "battery_voltage", Kind.U16, Access.READ_ONLY, "at the terminals", unit="mV"),
+    Register(
+        0x12,
+        "low_voltage",
+        Kind.U16,
+        Access.STORED,
+        "below this the fault UNDER_VOLTAGE is on",
+        default=6600,
+        lower=4000,
+        upper=9000,
+        unit="mV",
+    ),
+)
+
+BUS_CONTROLLER_REGISTERS = (
+    *STANDARD,
+    Register(0x10, "baud", Kind.U32, Access.READ_ONLY, "of the bus behind it", default=BUS_BAUD, unit="bit/s"),
+    Register(
+        0x11,
+        "reply_timeout",
+        Kind.U16,
+        Access.READ_ONLY,
+        "silence after which a slave is given up",
+        default=round(REPLY_TIMEOUT * 1e6),
+        unit="us",
+    ),
+    Register(0x12, "forwarded", Kind.U32, Access.READ_ONLY, "packets given to slaves since the start"),
+    Register(0x13, "unanswered", Kind.U32, Access.READ_ONLY, "of these, without an answer"),
+)
+
+REGISTERS: dict[int, tuple[Register, ...]] = {
+    DeviceClass.BUS_CONTROLLER: BUS_CONTROLLER_REGISTERS,
+    DeviceClass.SERVO_BOARD: SERVO_BOARD_REGISTERS,
+    DeviceClass.BODY_BOARD: BODY_BOARD_REGISTERS,
+}
+
+# Flags of an exchange with a servo board, above the four that energise its channels.
+POINT = 0x10
+"""The targets are a trajectory point; without it they are not looked at."""
+ACKNOWLEDGE = 0x20
+"""Latched faults are forgotten."""
+
+_SERVO_REQUEST = struct.Struct("<BB4h")
+_SERVO_ANSWER = struct.Struct("<BBHI4h4h4Hh2h")
+_BODY_REQUEST = struct.Struct("<BB")
+_BODY_ANSWER = struct.Struct("<BBHI4h3h3hHH")
+
+SERVO_REQUEST_SIZE = _SERVO_REQUEST.size
+SERVO_ANSWER_SIZE = _SERVO_ANSWER.size
+BODY_REQUEST_SIZE = _BODY_REQUEST.size
+BODY_ANSWER_SIZE = _BODY_ANSWER.size
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ServoRequest:
+    """Payload of an exchange to a servo board. `targets` [rad], four; `flags`: channels, POINT, ACKNOWLEDGE."""
+
+    sequence: int
+    flags: int
+    targets: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+
+    def encode(self) -> bytes:
+        """The payload; angles beyond what 16 bits hold become the nearest."""
+        return _SERVO_REQUEST.pack(self.sequence, self.flags, *(_signed(angle / ANGLE) for angle in self.targets))
+
+    @classmethod
+    def decode(cls, payload: bytes) -> ServoRequest:
+        """Raises struct.error for a wrong size."""
+        sequence, flags, a, b, c, d = _SERVO_REQUEST.unpack(payload)
+        return cls(sequence, flags, (a * ANGLE, b * ANGLE, c * ANGLE, d * ANGLE))
+
+
+@dataclass(frozen=True, slots=True)
+class ServoAnswer:
+    """Payload of the answer of a servo board; arrays have an element a channel."""
+
+    sequence: int
+    energised: int
+    """Channels with power: low four bits. High four: channels that are silent."""
+    faults: int
+    """Low byte: `Fault`. High byte: channels that drew too much (low four bits), points waiting (high four bits)."""
+    time: int
+    """The board's clock [us], wraps at 2^32."""
+    positions: Array
+    velocities: Array
+    currents: Array
+    knee_angle: float
+    piezoresistive: float
+    piezoelectric: float
+
+    def encode(self) -> bytes:
+        """The payload; values beyond what their field holds become the nearest."""
+        return _SERVO_ANSWER.pack(
+            self.sequence,
+            self.energised,
+            self.faults,
+            self.time & 0xFFFFFFFF,
+            *_signed_all(self.positions, ANGLE),
+            *_signed_all(self.velocities, SPEED),
+            *(min(max(round(value / CURRENT), 0), 0xFFFF) for value in self.currents.tolist()),
+            _signed(self.knee_angle / ANGLE),
+            _signed(self.piezoresistive / TACTILE),
+            _signed(self.piezoelectric / TACTILE),
+        )
+
+    @classmethod
+    def decode(cls, payload: bytes) -> ServoAnswer:
+        """Raises struct.error for a wrong size."""
+        sequence, energised, faults, time, *values = _SERVO_ANSWER.unpack(payload)
+        return cls(
+            sequence,
+            energised,
+            faults,
+            time,
+            np.array(values[0:4]) * ANGLE,
+            np.array(values[4:8]) * SPEED,
+            np.array(values[8:12]) * CURRENT,
+            values[12] * ANGLE,
+            values[13] * TACTILE,
+            values[14] * TACTILE,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class BodyRequest:
+    """Payload of an exchange to the body board; `flags`: ACKNOWLEDGE."""
+
+    sequence: int
+    flags: int = 0
+
+    def encode(self) -> bytes:
+        """The payload."""
+        return _BODY_REQUEST.pack(self.sequence, self.flags)
+
+    @classmethod
+    def decode(cls, payload: bytes) -> BodyRequest:
+        """Raises struct.error for a wrong size."""
+        return cls(*_BODY_REQUEST.unpack(payload))
+
+
+@dataclass(frozen=True, slots=True)
+class BodyAnswer:
+    """Payload of the answer of the body board. SI units."""
+
+    sequence: int
+    faults: int
+    time: int
+    """The board's clock [us], wraps at 2^32."""
+    orientation: Array
+    angular_velocity: Array
+    linear_acceleration: Array
+    voltage: float
+    current: float
+
+    def encode(self) -> bytes:
+        """The payload; values beyond what their field holds become the nearest."""
+        return _BODY_ANSWER.pack(
+            self.sequence,
+            0,
+            self.faults,
+            self.time & 0xFFFFFFFF,
+            *_signed_all(self.orientation, QUATERNION),
+            *_signed_all(self.angular_velocity, RATE),
+            *_signed_all(self.linear_acceleration, ACCELERATION),
+            min(max(round(self.voltage / VOLTAGE), 0), 0xFFFF),
+            min(max(round(self.current / CURRENT), 0), 0xFFFF),
+        )
+
+    @classmethod
+    def decode(cls, payload: bytes) -> BodyAnswer:
+        """Raises struct.error for a wrong size, ValueError for an orientation that is none."""
+        sequence, _, faults, time, *values = _BODY_ANSWER.unpack(payload)
+        orientation = np.array(values[0:4]) * QUATERNION
+        norm = float(np.linalg.norm(orientation))
+        if norm < 0.5:
+            raise ValueError(f"orientation {orientation.tolist()}: must be a unit quaternion")
+        return cls(
+            sequence,
+            faults,
+            time,
+            orientation / norm,
+            np.array(values[4:7]) * RATE,
+            np.array(values[7:10]) * ACCELERATION,
+            values[10] * VOLTAGE,
+            values[11] * CURRENT,
+        )
+
+
+def minimum_baud(boards: int, payload: int, frequency: float) -> float:
+    """Least baud rate of a bus [bit/s], C (5.1).
+
+    payload: bytes to and from one board together; every board takes one packet each way. frequency: of the cycle [Hz].
+    """
+    return boards * (payload + 2 * 6) * frequency * BITS_PER_BYTE
+
+
+def board_name(address: tuple[int, int]) -> str:
+    """An address in words, as in "servo board 3"."""
+    device_class, device_id = address
+    try:
+        kind = DeviceClass(device_class).name.lower().replace("_", " ")
+    except ValueError:
+        kind = f"class 0x{device_class:02X}"
+    return f"{kind} {device_id}"
+
+
+def _signed(value: float) -> int:
+    return min(max(round(value), -0x8000), 0x7FFF)
+
+
+def _signed_all(values: Array, unit: float) -> list[int]:
+    return [_signed(value / unit) for value in values.tolist()]
