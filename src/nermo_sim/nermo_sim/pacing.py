@@ -6,6 +6,8 @@ import numpy as np
 
 LARGEST_DEBT = 10
 """Ticks that may be caught up; what is more than that is dropped, and the simulation runs late."""
+FIRST_RESPITE, LONGEST_RESPITE = 200, 12_800
+"""Ticks that wait for no command after one that waited in vain."""
 
 
 class Pacer:
@@ -35,6 +37,40 @@ class Pacer:
                 self._next += debt * self._wall_period
             self._next += self._wall_period
         return True
+
+
+class Patience:
+    """Says whether a due tick waits for the command that answers the one before it.
+
+    On a machine that is too slow for the graph, the simulation then runs slower than real time instead of leaving the
+    robot without commands. A wait in vain is followed by ticks without any, at first `FIRST_RESPITE`, then twice as
+    many: a commander with a lower rate of its own, or one that has died, holds up next to nothing.
+
+    seconds: the longest wait, wall time; 0 is none.
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self._limit_ns = seconds * 1e9
+        self._respite = 0
+        self._next_respite = FIRST_RESPITE
+        self._answered = 0
+
+    def tick(self, answered: bool) -> None:
+        """Counts a tick that was taken, with the command for it or without."""
+        self._respite = max(self._respite - 1, 0)
+        self._answered = self._answered + 1 if answered else 0
+        if self._answered >= FIRST_RESPITE:
+            self._next_respite = FIRST_RESPITE
+
+    def waits(self, waited_ns: int) -> bool:
+        """Whether to wait on, the last tick having been published `waited_ns` ago."""
+        if self._respite > 0 or self._limit_ns == 0.0:
+            return False
+        if waited_ns < self._limit_ns:
+            return True
+        self._respite = self._next_respite
+        self._next_respite = min(2 * self._next_respite, LONGEST_RESPITE)
+        return False
 
 
 class Latency:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -104,6 +105,20 @@ def test_repeated_and_stale_commands_are_refused(graph: Graph) -> None:
     graph.until(lambda: nanoseconds(states[-1]) > nanoseconds(first) + 60 * PERIOD, "the first tick is old")
     graph.command(first)
     graph.until(lambda: "stale" in graph.status()["last_refusal"], "the stale one is refused")
+
+
+def test_waits_for_a_graph_that_is_slower_than_real_time(graph: Graph) -> None:
+    states = graph.hear(ServoStates, "servo_states")
+    graph.start(patience=1.0)
+    graph.until(lambda: states, "the simulation runs")
+    for tick in range(60):
+        answered = len(states)
+        graph.command(states[-1])
+        late = time.monotonic() + 2e-9 * PERIOD
+        graph.until(lambda late=late: time.monotonic() > late, "two periods are over")
+        graph.until(lambda answered=answered: len(states) > answered, "the next tick has come")
+        if tick > 10:
+            assert len(states) == answered + 1
 
 
 def test_silence_makes_it_crouch(graph: Graph) -> None:

@@ -211,6 +211,7 @@ def _print(outcome: Outcome, plan: Plan, console: Console) -> None:
     ages = ", ".join(f"{name} {value:.2f} ms" for name, value in age.items())
     others.add_row("age of the servo commands at the twin", ages)
     others.add_row("ticks without a command", str(outcome.health.ticks_missed))
+    others.add_row("simulated time over wall time", f"{outcome.health.real_time_factor:.2f}")
     console.print(others)
 
 
@@ -233,7 +234,8 @@ def _write(
             "nodes": nodes,
             "command_age_ms": outcome.health.command_age_ms,
             "ticks_missed": outcome.health.ticks_missed,
-            "real_time_factor": settings.real_time_factor,
+            "real_time_factor": outcome.health.real_time_factor,
+            "real_time_factor_asked": settings.real_time_factor,
             "stepped": settings.stepped,
         },
         "thresholds": {

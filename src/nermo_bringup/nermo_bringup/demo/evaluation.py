@@ -93,6 +93,8 @@ class GraphHealth:
     simulation measures it since its start: what happened while the other nodes came up is in it."""
     ticks_missed: int
     """Ticks since the first control command for which the simulation had no servo command."""
+    real_time_factor: float
+    """Simulated time over wall time since the first control command."""
 
 
 def read_track(recording: Recording) -> tuple[Track, int]:
@@ -180,10 +182,12 @@ def read_health(recording: Recording) -> GraphHealth:
     if not reports:
         raise RecordingError("the simulation reported nothing on /diagnostics")
     missed_before = [int(report["ticks_missed"]) for arrived, report in reports if arrived < begin]
+    factors = [float(report["real_time_factor"]) for arrived, report in reports if arrived >= begin]
     _, last = reports[-1]
     return GraphHealth(
         command_age_ms={name: float(last[f"command_age_{name}_ms"]) for name in ("p50", "p99", "max")},
         ticks_missed=int(last["ticks_missed"]) - (missed_before[-1] if missed_before else 0),
+        real_time_factor=sum(factors) / len(factors) if factors else 0.0,  # reports come evenly in wall time
     )
 
 

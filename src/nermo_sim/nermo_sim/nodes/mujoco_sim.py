@@ -23,7 +23,7 @@ from nermo_node.time import to_message, to_nanoseconds
 from nermo_sim.divergence import SimulationDivergedError
 from nermo_sim.nodes.sensor_publishers import SensorPublishers
 from nermo_sim.nodes.views import open_views
-from nermo_sim.pacing import Latency, Pacer
+from nermo_sim.pacing import Latency, Pacer, Patience
 from nermo_sim.sensor_data import SensorData, SensorNoise
 from nermo_sim.servo_command import RefusedCommandError, ServoCommandDoor
 from nermo_sim.twin import CommandState, Silence, Twin
@@ -54,6 +54,13 @@ class SimParameters(BaseModel):
         1.0, ge=0.0, le=100.0, description="Simulated time over wall time; 0 is as fast as possible"
     )
     stepped: bool = Field(False, description="Publish a tick and wait for the servo command that answers it")
+    patience: float = Field(
+        0.1,
+        ge=0.0,
+        le=1.0,
+        description="Longest wait of a due tick for the command that answers the last one, wall time; 0 is none",
+        json_schema_extra={"unit": "s"},
+    )
     publish_clock: bool = Field(True, description="Be the /clock; only one node of a graph may")
     frame_prefix: str = Field("", description="In front of every frame name, as in mouse_1/")
     seed: int = Field(0, ge=0, description="Seed of the sensor noise")
@@ -137,6 +144,7 @@ class MujocoSim(Node):
             self, self._twin, parameters.frame_prefix, parameters.rates(), parameters.publish_clock
         )
         self._pacer = Pacer(self._twin.period_ns, parameters.real_time_factor)
+        self._patience = Patience(parameters.patience)
         self._door = ServoCommandDoor(self._twin.layout.servos, self._silence.hold_after)
         self._paused = False
         self._steps_left = 0
@@ -178,11 +186,18 @@ class MujocoSim(Node):
                 self._outputs.repeat()
                 self._tick_wall = time.monotonic_ns()
             return
+        self._advance()
+
+    def _advance(self) -> None:
+        """Takes the tick that is due, or as many as fit where time does not matter."""
         until = time.monotonic_ns() + BUSY_NS
-        while not self._idle() and self._is_due():
+        while not self._idle() and not self._waits() and self._is_due():
             self._tick()
             if self._settings.real_time_factor > 0.0 or time.monotonic_ns() > until:
                 break
+
+    def _waits(self) -> bool:
+        return self._pending is None and self._patience.waits(time.monotonic_ns() - self._tick_wall)
 
     def _begin(self) -> bool:
         """Publishes the first tick; false as long as the clock that this node follows has not started."""
@@ -212,6 +227,7 @@ class MujocoSim(Node):
         command, self._pending = self._pending, None
         if command is None and self._twin.command_state is CommandState.FOLLOWING:
             self._missed += 1
+        self._patience.tick(answered=command is not None)
         try:
             self._sensors = self._twin.step(command)
         except SimulationDivergedError as error:
@@ -250,8 +266,11 @@ class MujocoSim(Node):
             return
         if stamp in self._published_at:
             self._age.add(arrived - self._published_at[stamp])
-        if self._settings.stepped and self._tick_wall != 0:
-            self._step_if_answered()
+        if self._tick_wall != 0:
+            if self._settings.stepped:
+                self._step_if_answered()
+            else:
+                self._advance()
 
     # Services
 
