@@ -108,7 +108,7 @@ def up(
     \b
     nermo up
     nermo up --robot nermo --record recordings/today
-    nermo up teleop:=false real_time_factor:=0.5
+    nermo up teleop:=none real_time_factor:=0.5
     """
     from nermo_bringup.launch.command import bring_up
 
