@@ -36,9 +36,11 @@ def _lease_domain():
 
 
 def pytest_configure(config):
-    # A busy machine is no failure: no test asserts how long something takes.
-    hypothesis.settings.register_profile("nermo", deadline=None)
-    hypothesis.settings.load_profile("nermo")
+    # A busy machine is no failure: no test asserts how long something takes. The same examples every time, so that a
+    # change is judged by itself; NERMO_HYPOTHESIS=explore looks for new ones.
+    hypothesis.settings.register_profile("nermo", deadline=None, derandomize=True)
+    hypothesis.settings.register_profile("explore", deadline=None, max_examples=400)
+    hypothesis.settings.load_profile(os.environ.get("NERMO_HYPOTHESIS", "nermo"))
     # Helper modules of tests stand beside them.
     sys.path.extend(map(str, sorted(Path(__file__).parent.glob("src/*/test"))))
     os.environ["ROS_DOMAIN_ID"] = str(_lease_domain())
