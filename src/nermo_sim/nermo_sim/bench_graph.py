@@ -14,13 +14,13 @@ import psutil
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from nermo_description.results import CommandError
 from nermo_interfaces.msg import ControlCommand, MotionCommand, ServoCommand, ServoStates
 from nermo_node import qos
+from nermo_node.run import EventsExecutor
 
 NODES = {
     "gait_knowledge_base": "nermo_control.nodes.gait_knowledge_base",
@@ -118,7 +118,7 @@ class _Probe:
         self._context = Context()
         rclpy.init(context=self._context)
         self._node = Node("bench", context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor = EventsExecutor(context=self._context)  # light: it shares the processor with what it measures
         self._executor.add_node(self._node)
         self._commands = self._node.create_publisher(ControlCommand, "control_command", qos.COMMAND)
         hearing = QoSProfile(depth=100)
