@@ -18,5 +18,10 @@ setup(
     maintainer_email="maintainers@nermo.example",
     description="The real robot's path: SBCP protocol, serial driver, Wi-Fi link and safety supervisor.",
     license="Apache-2.0",
-    entry_points={"console_scripts": []},
+    entry_points={
+        "console_scripts": [
+            "device_emulator = nermo_hw.nodes.device_emulator:main",
+            "serial_driver = nermo_hw.nodes.serial_driver:main",
+        ]
+    },
 )

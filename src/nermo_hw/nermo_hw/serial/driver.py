@@ -2,39 +2,30 @@
 
 from __future__ import annotations
 
-import contextlib
 import struct
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_hw.sbcp import boards
 from nermo_hw.sbcp.boards import BODY_BOARD, BUS_CONTROLLER, CHANNELS, SERVO_BOARDS, board_name
-from nermo_hw.sbcp.packet import OVERHEAD, DeviceClass, Instruction, Packet, Status, status_name
-from nermo_hw.sbcp.parser import Parser
+from nermo_hw.sbcp.packet import DeviceClass, Instruction, Packet, Status
 from nermo_hw.sbcp.registers import Register, Value
 from nermo_hw.serial.calibration import Calibration, Mountings
-from nermo_hw.serial.port import open_port
+from nermo_hw.serial.line import Address, Line
 from nermo_hw.types import (
     LATCHED,
     DeviceIdentity,
     Fault,
     LineCounters,
     LineError,
-    LineLostError,
     SensorSample,
     ServoTargets,
     SilentLineError,
 )
-
-Address = tuple[int, int]
-
-ATTEMPTS = 3
-"""How often a register is asked for before the line counts as silent."""
 
 
 @dataclass(slots=True)
@@ -64,7 +55,7 @@ class Driver:
         *,
         calibration: Calibration | None = None,
         point_period: float = 0.005,
-        reply_timeout: float = 0.004,
+        reply_timeout: float = 0.02,
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
         period_ms = point_period * 1e3
@@ -74,9 +65,8 @@ class Driver:
             raise ValueError(f"reply_timeout = {reply_timeout} s: must be within 0.0001 s and 10 s")
         self.robot = robot
         self.port_name = port
-        self.counters = LineCounters()
         self._settings: dict[str, Value] = {"point_period": round(period_ms), "heuristics": 1}
-        self._timeout, self._clock = reply_timeout, clock
+        self._line, self._clock = Line(port, reply_timeout, _plausible), clock
         self._names = tuple(robot.servos)
         where = {
             name: _Channel((int(DeviceClass.SERVO_BOARD), number), channel)
@@ -96,8 +86,6 @@ class Driver:
         self._slot = np.array(
             [self._servo_boards.index(channel.address) * CHANNELS + channel.number for channel in self._channels]
         )
-        self._parser = Parser(_plausible)
-        self._port: Any = None
         self._sequence = 0
         self._acknowledge = False
         self._last_stamp: int | None = None
@@ -110,19 +98,21 @@ class Driver:
         return self._names
 
     @property
+    def counters(self) -> LineCounters:
+        """What the line has seen since it was opened."""
+        return self._line.counters
+
+    @property
     def is_open(self) -> bool:
         """Whether the port is open; whether somebody answers is another question."""
-        return self._port is not None
+        return self._line.is_open
 
     def open(self) -> DeviceIdentity:
         """Opens the port, looks who is there and sets the boards up. The servos stay as they are.
 
         Raises LineError where the port cannot be opened, nobody answers, or a board is of another protocol.
         """
-        self.close()
-        self.counters = LineCounters()
-        self._port = open_port(self.port_name, self._timeout)
-        self._parser = Parser(_plausible)
+        self._line.open()
         self._last_stamp = None
         self._servo_answers.clear()
         self._body_answer = None
@@ -136,10 +126,7 @@ class Driver:
 
     def close(self) -> None:
         """Closes the port; the device's watchdog then makes the servos limp."""
-        if self._port is not None:
-            port, self._port = self._port, None
-            with contextlib.suppress(OSError):  # the cable is gone already
-                port.close()
+        self._line.close()
 
     def __enter__(self) -> Driver:
         self.open()
@@ -161,9 +148,9 @@ class Driver:
         stamp = self._clock()
         packets = self._exchange_packets(targets)
         self.counters.exchanges += 1
-        answers = self._transfer(packets, self._take_exchange)
+        answers = self._line.transfer(packets, self._take_exchange)
         if not answers:
-            raise SilentLineError(f"port {self.port_name}: no board answered within {self._timeout * 1e3:g} ms")
+            raise SilentLineError(f"port {self.port_name}: no board answered within {self._line.timeout * 1e3:g} ms")
         self._acknowledge = False
         return self._sample(stamp, answers)
 
@@ -204,14 +191,14 @@ class Driver:
     def read(self, address: Address, name: str) -> Value:
         """Value of a register. Raises KeyError for an unknown name, SilentLineError, and LineError for a refusal."""
         register = _register(address, name)
-        answer = self._ask(Packet(*address, Instruction.GET, bytes((register.address,))))
+        answer = self._line.ask(Packet(*address, Instruction.GET, bytes((register.address,))))
         return register.decode(answer.payload)
 
     def write(self, address: Address, name: str, value: Value) -> None:
         """Writes a register. Raises ValueError where the value is out of range, and as `read` does."""
         register = _register(address, name)
         register.check(value)
-        self._ask(Packet(*address, Instruction.SET, bytes((register.address,)) + register.encode(value)))
+        self._line.ask(Packet(*address, Instruction.SET, bytes((register.address,)) + register.encode(value)))
 
     # One transfer
 
@@ -243,70 +230,6 @@ class Driver:
         body = boards.BodyRequest(self._sequence, flags & boards.ACKNOWLEDGE)
         packets.append(Packet(*BODY_BOARD, Instruction.EXCHANGE, body.encode()))
         return packets
-
-    def _transfer(self, packets: list[Packet], take: Callable[[Packet], bool]) -> dict[Address, Packet]:
-        """Sends packets together and collects one answer each, until all are there or the time is over."""
-        if self._port is None:
-            raise LineLostError(f"port {self.port_name} is not open")
-        waiting = {packet.address for packet in packets}
-        answers: dict[Address, Packet] = {}
-        deadline = time.monotonic() + self._timeout
-        try:
-            self._port.write(b"".join(packet.encode() for packet in packets))
-            self.counters.sent += len(packets)
-            while waiting:
-                data = self._port.read(max(len(waiting) * OVERHEAD - self._parser.pending, 1, self._port.in_waiting))
-                self._collect(self._parser.feed(data), waiting, answers, take)
-                if not waiting or time.monotonic() >= deadline:
-                    break
-            if waiting:  # what waits for the rest of a cut-off packet may hide whole ones
-                self._collect(self._parser.flush(), waiting, answers, take)
-        except (OSError, TypeError) as error:  # pyserial lets a TypeError out where another thread closed the port
-            self.close()
-            raise LineLostError(f"port {self.port_name} is gone: {' '.join(str(error).split())}") from error
-        self.counters.lost += len(waiting)
-        self.counters.corrupt, self.counters.garbage_bytes = self._parser.corrupt, self._parser.garbage_bytes
-        return answers
-
-    def _collect(
-        self,
-        packets: Iterable[Packet],
-        waiting: set[Address],
-        answers: dict[Address, Packet],
-        take: Callable[[Packet], bool],
-    ) -> None:
-        for packet in packets:
-            if packet.code in (Status.NO_ANSWER, Status.DAMAGED_ANSWER):
-                if packet.address in waiting:
-                    waiting.discard(packet.address)
-                    self.counters.lost += 1
-            elif packet.address not in waiting or not take(packet):
-                self.counters.late += 1
-            else:
-                waiting.discard(packet.address)
-                answers[packet.address] = packet
-                self.counters.received += 1
-
-    def _ask(self, packet: Packet) -> Packet:
-        """One instruction about a register, asked again where it got lost."""
-        size = 0
-        if packet.code == Instruction.GET:
-            size = next(r.kind.size for r in boards.REGISTERS[packet.device_class] if r.address == packet.payload[0])
-
-        def answers_this(answer: Packet) -> bool:
-            return answer.code != Status.OK or len(answer.payload) == size
-
-        for _ in range(ATTEMPTS):
-            answer = self._transfer([packet], answers_this).get(packet.address)
-            if answer is not None:
-                if answer.code != Status.OK:
-                    self.counters.refused += 1
-                    raise LineError(
-                        f"port {self.port_name}: {board_name(packet.address)} refused "
-                        f"{Instruction(packet.code).name}: {status_name(answer.code)}"
-                    )
-                return answer
-        raise SilentLineError(f"port {self.port_name}: {board_name(packet.address)} does not answer")
 
     def _take_exchange(self, packet: Packet) -> bool:
         """Whether a packet answers the present exchange; if so its content is kept."""

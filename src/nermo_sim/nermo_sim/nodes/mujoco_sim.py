@@ -25,7 +25,7 @@ from nermo_sim.nodes.sensor_publishers import SensorPublishers
 from nermo_sim.nodes.views import open_views
 from nermo_sim.pacing import Latency, Pacer, Patience
 from nermo_sim.sensor_data import SensorData, SensorNoise
-from nermo_sim.servo_command import RefusedCommandError, ServoCommandDoor
+from nermo_description.servo_command import RefusedCommandError, ServoCommandDoor
 from nermo_sim.twin import CommandState, Silence, Twin
 
 REPEAT_AFTER = 0.25

@@ -20,7 +20,7 @@ from nermo_node import qos
 from nermo_node.time import to_message
 from nermo_sensors.models.foot import TactileFeet
 from nermo_sensors.parameters import tactile_of_robot
-from nermo_sim.battery import Battery
+from nermo_description.battery import Battery
 from nermo_sim.sensor_data import SensorData
 from nermo_sim.twin import Twin
 

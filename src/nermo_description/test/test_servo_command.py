@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nermo_sim.servo_command import RefusedCommandError, ServoCommandDoor
+from nermo_description.servo_command import RefusedCommandError, ServoCommandDoor
 
 SERVOS = ("hip", "knee", "tail")
 NOW = 1_000_000_000

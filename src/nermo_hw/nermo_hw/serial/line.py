@@ -1,0 +1,127 @@
+"""One serial line: packets out together, their answers in, and an account of what went wrong on the way."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from nermo_hw.sbcp import boards
+from nermo_hw.sbcp.boards import board_name
+from nermo_hw.sbcp.packet import OVERHEAD, Instruction, Packet, Status, status_name
+from nermo_hw.sbcp.parser import Parser, Plausible
+from nermo_hw.serial.port import open_port
+from nermo_hw.types import LineCounters, LineError, LineLostError, SilentLineError
+
+Address = tuple[int, int]
+
+LARGEST_OVERTIME = 1.0
+"""A line that never ends to babble is given up after this time [s]."""
+ATTEMPTS = 3
+"""How often a register is asked for before the line counts as silent."""
+
+
+class Line:
+    """A port with packets on it. Not thread-safe: transfers come one after another.
+
+    port: see `find_port`. timeout: how long a transfer waits for answers [s]. plausible: what can come back (`Parser`).
+    """
+
+    def __init__(self, port: str, timeout: float, plausible: Plausible) -> None:
+        self.name, self.timeout = port, timeout
+        self.counters = LineCounters()
+        self._plausible = plausible
+        self._parser = Parser(plausible)
+        self._port: Any = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is open; whether somebody answers is another question."""
+        return self._port is not None
+
+    def open(self) -> None:
+        """Opens the port; counting starts anew. Raises LineError."""
+        self.close()
+        self.counters = LineCounters()
+        self._parser = Parser(self._plausible)
+        self._port = open_port(self.name, self.timeout)
+
+    def close(self) -> None:
+        """Closes the port."""
+        if self._port is not None:
+            port, self._port = self._port, None
+            with contextlib.suppress(OSError):  # the cable is gone already
+                port.close()
+
+    def transfer(self, packets: list[Packet], take: Callable[[Packet], bool]) -> dict[Address, Packet]:
+        """Sends packets together and collects one answer each, until all are there or the time is over.
+
+        take: whether a packet is an answer to this transfer. Raises LineLostError where the port is gone.
+        """
+        if self._port is None:
+            raise LineLostError(f"port {self.name} is not open")
+        waiting = {packet.address for packet in packets}
+        answers: dict[Address, Packet] = {}
+        deadline = time.monotonic() + self.timeout
+        try:
+            self._port.write(b"".join(packet.encode() for packet in packets))
+            self.counters.sent += len(packets)
+            while waiting:
+                data = self._port.read(max(len(waiting) * OVERHEAD - self._parser.pending, 1, self._port.in_waiting))
+                self._collect(self._parser.feed(data), waiting, answers, take)
+                # What has come in time is read, even if this process was held up meanwhile.
+                over = time.monotonic() - deadline
+                if over >= 0.0 and (self._port.in_waiting == 0 or over > LARGEST_OVERTIME):
+                    break
+            if waiting:  # what waits for the rest of a cut-off packet may hide whole ones
+                self._collect(self._parser.flush(), waiting, answers, take)
+        except (OSError, TypeError) as error:  # pyserial lets a TypeError out where another thread closed the port
+            self.close()
+            raise LineLostError(f"port {self.name} is gone: {' '.join(str(error).split())}") from error
+        self.counters.lost += len(waiting)
+        self.counters.corrupt, self.counters.garbage_bytes = self._parser.corrupt, self._parser.garbage_bytes
+        return answers
+
+    def _collect(
+        self,
+        packets: Iterable[Packet],
+        waiting: set[Address],
+        answers: dict[Address, Packet],
+        take: Callable[[Packet], bool],
+    ) -> None:
+        for packet in packets:
+            if packet.code in (Status.NO_ANSWER, Status.DAMAGED_ANSWER):
+                if packet.address in waiting:
+                    waiting.discard(packet.address)
+                    self.counters.lost += 1
+            elif packet.address not in waiting or not take(packet):
+                self.counters.late += 1
+            else:
+                waiting.discard(packet.address)
+                answers[packet.address] = packet
+                self.counters.received += 1
+
+    def ask(self, packet: Packet) -> Packet:
+        """Has one GET or SET answered, asking again where it got lost.
+
+        Raises SilentLineError where nobody answers and LineError where the board refuses.
+        """
+        size = 0
+        if packet.code == Instruction.GET:
+            size = next(r.kind.size for r in boards.REGISTERS[packet.device_class] if r.address == packet.payload[0])
+
+        def answers_this(answer: Packet) -> bool:
+            return answer.code != Status.OK or len(answer.payload) == size
+
+        for _ in range(ATTEMPTS):
+            answer = self.transfer([packet], answers_this).get(packet.address)
+            if answer is not None:
+                if answer.code != Status.OK:
+                    self.counters.refused += 1
+                    raise LineError(
+                        f"port {self.name}: {board_name(packet.address)} refused "
+                        f"{Instruction(packet.code).name}: {status_name(answer.code)}"
+                    )
+                return answer
+        raise SilentLineError(f"port {self.name}: {board_name(packet.address)} does not answer")

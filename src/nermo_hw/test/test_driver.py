@@ -1,0 +1,245 @@
+"""Driver and emulator on a real pseudo-terminal and a real socket."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from emulated import until
+
+from nermo_description.robots import load_robot
+from nermo_hw.device.faults import FaultError
+from nermo_hw.sbcp.boards import BODY_BOARD, SERVO_BOARDS
+from nermo_hw.serial.calibration import Calibration, Mounting, save_calibration
+from nermo_hw.serial.driver import Driver
+from nermo_hw.serial.port import find_port
+from nermo_hw.types import Fault, LineError, LineLostError, SensorSample, ServoTargets, SilentLineError
+
+ROBOT = load_robot("nermo_lite")
+NEUTRAL = np.array([servo.neutral for servo in ROBOT.servos.values()])
+SERVO_BOARD_1 = (2, 1)
+
+
+def ready(port: object, **settings) -> Driver:
+    driver = Driver(ROBOT, str(port), **settings)
+    until(lambda: opened(driver), "the device answers")
+    for board in SERVO_BOARDS:  # a busy machine is no reason to go limp
+        driver.write((2, board), "watchdog", 10_000)
+    driver.release()
+    return driver
+
+
+def opened(driver: Driver) -> bool:
+    try:
+        driver.open()
+    except LineError:
+        return False
+    return True
+
+
+def exchange(driver: Driver, targets: ServoTargets | None = None) -> SensorSample:
+    """One that got an answer: on a busy machine one may come too late."""
+    samples: list[SensorSample] = []
+
+    def tried() -> bool:
+        try:
+            samples.append(driver.exchange(targets))
+        except SilentLineError:
+            return False
+        return not samples[-1].missing
+
+    until(tried, "an exchange is answered")
+    return samples[-1]
+
+
+def test_who_is_there_and_servos_that_go_where_they_are_told(emulate):
+    device = emulate()
+    with Driver(ROBOT, str(device.link)) as driver:
+        identity = driver.identify()
+        assert (identity.robot, identity.protocol_version) == ("nermo_lite", "1.0")
+        assert len(identity.boards) == 6
+        assert exchange(driver, ServoTargets(NEUTRAL)).faults == Fault.RESTARTED
+        for board in SERVO_BOARDS:
+            driver.write((2, board), "watchdog", 10_000)
+        driver.release()
+        goal = NEUTRAL + 0.1
+        until(
+            lambda: np.abs(exchange(driver, ServoTargets(goal)).servo_positions - goal).max() < 5e-3,
+            "the servos have moved",
+        )
+        sample = exchange(driver, ServoTargets(goal))
+        assert sample.faults == 0 and not sample.limp and sample.missing == ()
+        assert sample.elapsed > 0.0
+        np.testing.assert_allclose(sample.orientation, [1, 0, 0, 0], atol=1e-3)
+        assert 6.0 < sample.battery_voltage < 8.5
+        limp = exchange(driver, ServoTargets(goal, energised=False))
+        assert limp.limp and limp.faults == 0
+    assert device.end() == 0
+    assert not device.link.is_symlink()
+
+
+def test_over_tcp_as_a_wifi_microcontroller_does_it(emulate):
+    device = emulate("--tcp-port", "0")
+    url = re.search(r"socket://\S+", device.greeting)[0]
+    driver = ready(url)
+    assert not exchange(driver, ServoTargets(NEUTRAL)).limp
+    driver.close()
+
+
+def test_a_calibration_makes_joint_angles_of_what_servos_report(emulate, tmp_path):
+    mounting = Calibration(
+        robot="nermo_lite",
+        servos={"front_left_hip": Mounting(zero=0.2, direction=-1), "tail": Mounting(zero=-0.1)},
+        knee_encoders={"rear_left": Mounting(zero=0.3, direction=-1)},
+    )
+    save_calibration(mounting, tmp_path / "mounting.yaml")
+    device = emulate("--mounting", str(tmp_path / "mounting.yaml"))
+    sample = exchange(ready(device.link))
+    assert sample.servo_positions[0] == pytest.approx(0.2 - NEUTRAL[0], abs=1e-3)
+    calibrated = exchange(ready(device.link, calibration=mounting))
+    np.testing.assert_allclose(calibrated.servo_positions, NEUTRAL, atol=1e-3)
+    assert calibrated.knee_angles[2] == pytest.approx(ROBOT.rear_leg_dynamics.knee.rest, abs=1e-3)
+
+
+def test_a_pulled_cable_is_told_and_the_servos_are_limp_when_it_is_back(emulate):
+    device = emulate()
+    driver = ready(device.link)
+    driver.write(SERVO_BOARD_1, "watchdog", 100)
+    exchange(driver, ServoTargets(NEUTRAL))
+    device.control.do("unplug", seconds=0.5)
+    with pytest.raises(LineLostError, match="is gone"):
+        exchange(driver)
+    assert not driver.is_open
+    until(lambda: opened(driver), "the cable is back")
+    assert Fault.WATCHDOG in exchange(driver, ServoTargets(NEUTRAL)).faults
+    driver.release()
+    assert exchange(driver, ServoTargets(NEUTRAL)).faults == 0
+
+
+def test_a_host_that_is_killed_leaves_limp_servos(emulate):
+    device = emulate()
+    code = f"""
+import numpy as np, sys, time
+from nermo_description.robots import load_robot
+from nermo_hw.serial.driver import Driver
+from nermo_hw.types import ServoTargets, SilentLineError
+robot = load_robot("nermo_lite")
+driver = Driver(robot, {str(device.link)!r})
+driver.open(); driver.release()
+while True:
+    try:
+        driver.exchange(ServoTargets(np.zeros(len(robot.servos))))
+    except SilentLineError:
+        pass
+    time.sleep(0.005)
+"""
+    host = subprocess.Popen([sys.executable, "-c", code])
+    until(lambda: len(device.control.do("state")["energised"]) == len(ROBOT.servos), "the servos have power")
+    host.kill()
+    host.wait()
+    until(lambda: device.control.do("state")["energised"] == [], "the watchdog has made the servos limp")
+
+
+def test_bad_frames_are_counted_and_survived(emulate):
+    device = emulate()
+    driver = ready(device.link, reply_timeout=0.005)
+    for name in ("drop", "double", "corrupt", "garbage", "delay"):
+        device.control.do("line_fault", name=name, value=0.05)
+
+    def all_seen() -> bool:
+        with contextlib.suppress(SilentLineError):
+            driver.exchange(ServoTargets(NEUTRAL))
+        counters = driver.counters
+        return min(counters.lost, counters.late, counters.corrupt, counters.garbage_bytes) > 5
+
+    until(all_seen, "all kinds of damage were seen")
+    for name in ("drop", "double", "corrupt", "garbage", "delay"):
+        device.control.do("line_fault", name=name, value=0.0)
+    assert exchange(driver, ServoTargets(NEUTRAL)).faults == 0
+
+
+def test_a_silent_board_and_a_silent_servo_are_named(emulate):
+    device = emulate()
+    driver = ready(device.link)
+    exchange(driver, ServoTargets(NEUTRAL))
+    device.control.do("silent_servos", names=["tail"])
+    assert exchange(driver, ServoTargets(NEUTRAL)).silent_servos == ("tail",)
+    device.control.do("silent_servos", names=[])
+    device.control.do("silent_boards", names=["servo board 2"])
+    until(lambda: driver.exchange().missing == ("servo board 2",), "the silent board is named")
+    with pytest.raises(FaultError, match="front_left_toe"):
+        device.control.do("silent_servos", names=["front_left_toe"])
+    with pytest.raises(FaultError, match="unknown"):
+        device.control.do("explode")
+
+
+def test_a_brown_out_makes_the_device_forget_and_release_sets_it_up_again(emulate):
+    device = emulate()
+    driver = ready(device.link, point_period=0.01)
+    exchange(driver, ServoTargets(NEUTRAL))
+    device.control.do("brown_out")
+    assert exchange(driver, ServoTargets(NEUTRAL)).faults == Fault.RESTARTED
+    assert driver.read(SERVO_BOARD_1, "point_period") == 5
+    driver.release()
+    assert not exchange(driver, ServoTargets(NEUTRAL)).limp
+    assert driver.read(SERVO_BOARD_1, "point_period") == 10
+
+
+def test_stored_registers_outlive_the_device(emulate, tmp_path):
+    store = tmp_path / "registers.yaml"
+    device = emulate("--store", str(store))
+    driver = ready(device.link)
+    driver.write(SERVO_BOARD_1, "watchdog", 1234)
+    until(store.exists, "the registers are on the disk")
+    device.kill()  # without a last word; its link and its control socket stay behind
+    device.start()
+    assert ready(device.link).read(SERVO_BOARD_1, "watchdog") == 1234
+
+
+def test_registers_are_checked_on_both_sides(emulate):
+    driver = ready(emulate().link)
+    with pytest.raises(ValueError, match="watchdog = 5: must be 20 to 10000 ms"):
+        driver.write(SERVO_BOARD_1, "watchdog", 5)
+    with pytest.raises(LineError, match="servo board 1 refused SET: read only"):
+        driver.write(SERVO_BOARD_1, "uptime", 5)
+    with pytest.raises(KeyError, match="no register 'speed'"):
+        driver.read(BODY_BOARD, "speed")
+
+
+@pytest.mark.parametrize(
+    "targets", [np.zeros(3), np.full(len(NEUTRAL), np.nan), np.full(len(NEUTRAL), np.inf), np.zeros((len(NEUTRAL), 1))]
+)
+def test_targets_that_are_none_are_refused(targets):
+    with pytest.raises(ValueError, match="finite positions"):
+        Driver(ROBOT, "/dev/null").exchange(ServoTargets(targets))
+
+
+@pytest.mark.parametrize(
+    ("port", "text"),
+    [
+        ("/dev/no_such_port", "/dev/no_such_port"),
+        ("usb:1234", "usb:VID:PID"),
+        ("usb:dead:beef", "plugged in"),
+        ("socket://127.0.0.1:1", "socket://127.0.0.1:1"),
+        ("nonsense://x", "nonsense"),
+    ],
+)
+def test_ports_that_cannot_be_opened_are_told_in_a_sentence(port, text):
+    with pytest.raises(LineError, match=text):
+        Driver(ROBOT, port).open()
+
+
+def test_a_plain_port_is_taken_as_it_is():
+    assert find_port("/dev/ttyACM3") == "/dev/ttyACM3"
+
+
+def test_none_of_it_needs_ros_or_mujoco():
+    code = (
+        "import sys; import nermo_hw.serial.driver, nermo_hw.device.setup, nermo_hw.device.emulator, nermo_hw.cli; "
+        "sys.exit(' '.join({'rclpy', 'mujoco', 'nermo_interfaces', 'scipy'} & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stderr.strip() == ""
