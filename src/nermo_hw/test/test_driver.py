@@ -193,11 +193,11 @@ def test_stored_registers_outlive_the_device(emulate, tmp_path):
     store = tmp_path / "registers.yaml"
     device = emulate("--store", str(store))
     driver = ready(device.link)
-    driver.write(SERVO_BOARD_1, "watchdog", 1234)
-    until(store.exists, "the registers are on the disk")
+    driver.write(SERVO_BOARD_1, "current_limit", 1234)
+    until(lambda: store.exists() and "1234" in store.read_text(), "the register is on the disk")
     device.kill()  # without a last word; its link and its control socket stay behind
     device.start()
-    assert ready(device.link).read(SERVO_BOARD_1, "watchdog") == 1234
+    assert ready(device.link).read(SERVO_BOARD_1, "current_limit") == 1234
 
 
 def test_registers_are_checked_on_both_sides(emulate):
