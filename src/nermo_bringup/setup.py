@@ -30,6 +30,7 @@ setup(
             "keyboard_teleop = nermo_bringup.nodes.keyboard_teleop:main",
             "recorder = nermo_bringup.nodes.recorder:main",
             "teleop = nermo_bringup.nodes.teleop:main",
+            "twin_device = nermo_bringup.nodes.twin_device:main",
         ]
     },
 )

@@ -20,6 +20,7 @@ def test_every_variant_has_its_nodes_once(target, teleop, record):
     body = {"sim": "mujoco_sim", "serial": "serial_driver", "link": "zenoh_link"}[target]
     wanted = CONTROL | {body, "leg_load_estimator"}
     wanted |= {"joystick", "teleop"} if teleop != "none" else set()
+    wanted |= {"device_emulator"} if target == "serial" else set()
     wanted |= {"recorder"} if record != "none" else set()
     assert sorted(node.name for node in nodes) == sorted(wanted)
     assert {node.namespace for node in nodes} == {"/nermo"}
@@ -31,6 +32,19 @@ def test_nodes_follow_the_clock_of_the_twin_only(target, expected):
     assert nodes
     for node in nodes:
         assert dict(node.parameters)["use_sim_time"] is expected
+
+
+def test_a_robot_at_a_cable_needs_no_emulator():
+    nodes = {node.name: node for node in load(FILE, {"target": "serial", "port": "/dev/ttyUSB0"}).nodes}
+    assert "device_emulator" not in nodes
+    assert dict(nodes["serial_driver"].parameters)["port"] == "/dev/ttyUSB0"
+
+
+def test_driver_and_emulated_device_meet():
+    nodes = {node.name: node for node in load(FILE, {"target": "serial", "namespace": "mouse_1"}).nodes}
+    link = dict(nodes["device_emulator"].parameters)["link"]
+    assert link == dict(nodes["serial_driver"].parameters)["port"]
+    assert "mouse_1" in link
 
 
 def test_two_mice_share_a_graph():

@@ -20,6 +20,7 @@ class DeviceEmulatorNode(Node):
 
     def __init__(self, plant: PlantFactory = ServoPlant) -> None:
         super().__init__("device_emulator")
+        self._thread: threading.Thread | None = None
         settings = declare(self, EmulatorSettings)
         try:
             self._emulator = make_emulator(settings, plant)
@@ -36,8 +37,9 @@ class DeviceEmulatorNode(Node):
 
     def destroy_node(self) -> None:
         """Takes the line away."""
-        self._emulator.stop()
-        self._thread.join(timeout=5.0)
+        if self._thread is not None:
+            self._emulator.stop()
+            self._thread.join(timeout=5.0)
         super().destroy_node()
 
     def _live(self) -> None:

@@ -101,6 +101,7 @@ class SerialDriverNode(Node):
 
     def __init__(self) -> None:
         super().__init__("serial_driver")
+        self._thread: threading.Thread | None = None
         self._settings = settings = declare(self, SerialDriverParameters)
         with blame("robot"):
             robot = load_robot(settings.robot)
@@ -152,8 +153,9 @@ class SerialDriverNode(Node):
 
     def destroy_node(self) -> None:
         """Lets the line go; the device's watchdog then makes the servos limp."""
-        self._ending.set()
-        self._thread.join(timeout=5.0)
+        if self._thread is not None:
+            self._ending.set()
+            self._thread.join(timeout=5.0)
         super().destroy_node()
 
     # The executor's side

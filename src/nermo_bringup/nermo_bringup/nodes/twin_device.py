@@ -1,0 +1,51 @@
+"""Node `device_emulator` with the MuJoCo twin behind its electronics; its ground truth as truth/odom.
+
+The truth is for tests and recordings: nothing in the graph of a real robot has it.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from nav_msgs.msg import Odometry
+
+from nermo_bringup.twin_plant import TwinPlant
+from nermo_description.parameters import RobotParameters
+from nermo_hw.nodes.device_emulator import DeviceEmulatorNode
+from nermo_node import qos
+from nermo_node.run import run
+from nermo_sim.twin import BaseState
+
+
+class TwinDeviceNode(DeviceEmulatorNode):
+    """The twin as a robot at a cable."""
+
+    def __init__(self) -> None:
+        super().__init__(self._make_plant)
+
+    def _make_plant(self, robot: RobotParameters) -> TwinPlant:
+        self._truth = self.create_publisher(Odometry, "truth/odom", qos.SENSOR)
+        return TwinPlant(robot, on_truth=self._publish_truth)
+
+    def _publish_truth(self, state: BaseState) -> None:
+        if not self.context.ok():
+            return
+        message = Odometry(child_frame_id="base_link")
+        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.frame_id = "odom"
+        pose, twist = message.pose.pose, message.twist.twist
+        pose.position.x, pose.position.y, pose.position.z = state.position
+        q = pose.orientation
+        q.w, q.x, q.y, q.z = state.quaternion
+        twist.linear.x, twist.linear.y, twist.linear.z = state.linear_velocity
+        twist.angular.x, twist.angular.y, twist.angular.z = state.angular_velocity
+        self._truth.publish(message)
+
+
+def main() -> int:
+    """Runs the node."""
+    return run(TwinDeviceNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
