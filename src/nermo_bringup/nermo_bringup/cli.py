@@ -131,12 +131,16 @@ for word in (demo, play, replay, repair):
 # imported when they are called.
 _WORDS = {
     "experiment": ("nermo_sim.cli:experiment_app", "Run an experiment of the theses; its table stands beside theirs."),
-    "bench": ("nermo_sim.cli:bench_app", "Measure how fast things are."),
+    "bench": ("nermo_sim.cli:bench_app", "Measure how fast things are: tick, loop, graph, sensors, serial, link."),
     "optimize": ("nermo_sim.cli:optimize_app", "Search for better parameters."),
     "sensors": ("nermo_sensors.cli:sensors_app", "Calibrate and judge tactile sensors."),
     "hw": ("nermo_hw.cli:hw_app", "The real robot: look at it, emulate it, test its lines."),
     "gap": ("nermo_gap.cli:gap_app", "Say why robot and twin differ."),
 }
+
+
+# Things whose bench lives in another package than the others'.
+_BENCHES = {"serial": "nermo_hw.cli:bench_app", "link": "nermo_hw.cli:bench_app"}
 
 
 def _offer_word(word: str, place: str, help_text: str) -> None:
@@ -150,11 +154,14 @@ def _offer_word(word: str, place: str, help_text: str) -> None:
         return
 
     def call(context: typer.Context) -> None:
+        bench = next((name for name in context.args if name in _BENCHES), None) if word == "bench" else None
+        args = context.args if bench is None else [bench, *(arg for arg in context.args if arg != bench)]
+        module, attribute = (place if bench is None else _BENCHES[bench]).split(":")
         try:
             there = getattr(importlib.import_module(module), attribute)
         except ImportError as error:
             raise CommandError(f"nermo {word} cannot start, a part of it is missing: {error}.") from error
-        there(args=context.args, prog_name=f"nermo {word}")
+        there(args=args, prog_name=f"nermo {word}")
 
     settings = {**_PASS_ON, "allow_interspersed_args": False}
     app.command(word, help=help_text, context_settings=settings, add_help_option=False)(call)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import signal
 import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
 
 from nermo_description.results import CommandError, write_results
 
@@ -88,7 +93,85 @@ def emulate(
     emulator.run()
 
 
-def show_json(path: Path | None, name: str, facts: dict[str, Any], **head: Any) -> None:
-    """Writes results where they are wanted."""
-    if path is not None:
-        write_results(path, name, facts, **head)
+@bench_app.command("serial")
+def bench_serial(
+    robot: Robot = "nermo_lite",
+    duration: Annotated[
+        float, typer.Option(min=1.0, max=1e5, help="Of each row of the table, in virtual seconds.")
+    ] = 2000.0,
+    real_time: Annotated[float, typer.Option(min=0.5, max=3600.0, help="Of the exchange in real time [s].")] = 10.0,
+    quick: Annotated[bool, typer.Option("--quick", help="50 virtual seconds a row, 2 real ones.")] = False,
+    fuzz: Annotated[bool, typer.Option("--fuzz", help="Fuzz the parser too, with 10 million bytes.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
+    json: Json = None,
+) -> None:
+    """Track a trajectory at 500 Hz on four boards (C table 5.4), and measure an exchange with the emulated device.
+
+    \b
+    nermo bench serial --json serial.json
+    nermo bench serial --quick --fuzz
+    nermo bench serial --duration 600 --real-time 60
+    """
+    from nermo_hw import bench_serial as bench
+    from nermo_hw.sbcp.fuzz import fuzz as run_fuzzer
+
+    duration, real_time = (50.0, 2.0) if quick else (duration, real_time)
+    with _progress() as progress:
+        facts = bench.bench_serial(robot, duration, real_time, seed, progress)
+        if fuzz:
+            size = 500_000 if quick else 10_000_000
+            report = run_fuzzer(size, seed, progress=lambda done: progress("fuzzing the parser", done / size))
+            facts["fuzz"] = {**dataclasses.asdict(report), "passed": report.passed}
+    _print_table(facts["rows"], "four boards at 500 Hz, virtual time (C table 5.4: 0 missed, about 1500 filled)")
+    _print_facts(facts["real_time"], "an exchange on a pseudo-terminal, real time")
+    _print_facts({key: facts[key] for key in bench.line_facts()}, "the line, (5.1)")
+    if fuzz:
+        _print_facts(facts["fuzz"], "parser fuzzer")
+    if json is not None:
+        write_results(json, "bench-serial", facts, robot=robot, seed=seed)
+    if fuzz and not facts["fuzz"]["passed"]:
+        raise CommandError("the fuzzer has found something.")
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Callable[[str, float], None]]:
+    """A bar on a terminal, lines elsewhere."""
+    if _console.is_terminal:
+        with Progress(console=_console, transient=True) as bar:
+            task = bar.add_task("", total=1.0)
+            yield lambda what, share: bar.update(task, description=what, completed=share)
+        return
+    told = ""
+
+    def tell(what: str, share: float) -> None:
+        nonlocal told
+        line = f"{what}: {100 * share:.0f} %"
+        if line != told and round(100 * share) % 10 == 0:
+            told = line
+            print(line, file=sys.stderr, flush=True)
+
+    yield tell
+
+
+def _print_table(rows: Sequence[Mapping[str, Any]], title: str) -> None:
+    table = Table(title=title, title_justify="left")
+    for key in rows[0]:
+        table.add_column(key)
+    for row in rows:
+        table.add_row(*(_text(value) for value in row.values()))
+    _console.print(table)
+
+
+def _print_facts(facts: Mapping[str, Any], title: str) -> None:
+    table = Table(title=title, title_justify="left", show_header=False)
+    for key, value in facts.items():
+        table.add_row(key, _text(value))
+    _console.print(table)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_text(part)}" for key, part in value.items())
+    if isinstance(value, list | tuple):
+        return " ".join(_text(part) for part in value)
+    return f"{value:.7g}" if isinstance(value, float) else str(value)

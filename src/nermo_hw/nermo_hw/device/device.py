@@ -23,6 +23,7 @@ from nermo_hw.sbcp import boards
 from nermo_hw.sbcp.boards import BODY_BOARD, BUS_CONTROLLER, SERVO_BOARDS, board_name
 from nermo_hw.sbcp.packet import OVERHEAD, DeviceClass, Instruction, Packet, Status
 from nermo_hw.sbcp.parser import Parser
+from nermo_hw.sbcp.plausible import plausible_request
 from nermo_hw.sbcp.registers import Value
 from nermo_hw.serial.calibration import Calibration, Mountings
 
@@ -119,7 +120,7 @@ class Device:
         self._order = itertools.count()
         self._inbox: list[tuple[int, int, bytes]] = []
         self._outbox: list[tuple[int, int, bytes]] = []
-        self._host_parser, self._bus_parser = Parser(_plausible), Parser(_plausible)
+        self._host_parser, self._bus_parser = Parser(plausible_request), Parser(plausible_request)
         self._silent_boards: set[str] = set()
         self._held, self._held_at = np.zeros(len(self._names), dtype=bool), np.zeros(len(self._names))
         """Servos that do not answer stay where they are."""
@@ -363,8 +364,3 @@ class Device:
         for channel, place in enumerate(board.servos):
             if place is not None:
                 targets[place] = self._servos.direction[place] * (request.targets[channel] - self._servos.zero[place])
-
-
-def _plausible(device_class: int, device_id: int, size: int, code: int) -> bool:
-    """What a host can mean. Unknown instructions and IDs of known classes get an answer that says so."""
-    return device_class in boards.REGISTERS and size <= max(boards.SERVO_REQUEST_SIZE, 17)

@@ -19,10 +19,11 @@ GIVE_UP_AFTER = 10
 class TrajectoryInterpolator(Generic[Value]):
     """Makes a set-point for every loop of the board out of points that come once in `period` loops, more or less.
 
-    A point is reached at a constant speed within one period. With the heuristics,
+    A point is reached at a constant speed within one period. With the heuristics (the start is our addition),
 
     - *underflow*: where a period ends and no point waits, the set-point goes on at half the speed; the next point to
       come is gone to at once, which starts the period anew;
+    - *start*: the first point waits for one loop, so that later ones may come that much later and still be in time;
     - *overflow*: as long as another point waits when one is begun, the period is a loop shorter.
 
     Without them, a board keeps the newest point only, looks for it once a period, and stands still where there is none.
@@ -60,6 +61,7 @@ class TrajectoryInterpolator(Generic[Value]):
         self._goal: Value | None = None
         self._left = 0
         self._silent = GIVE_UP_AFTER
+        self._waited = False
         self._buffer.clear()
 
     def add(self, point: Value) -> None:
@@ -76,6 +78,9 @@ class TrajectoryInterpolator(Generic[Value]):
         """One loop of the board; returns the set-point."""
         at_once = self.heuristics and self._silent > 0 and len(self._buffer) > 0
         if self._left == 0 or at_once:
+            if self._buffer and self.heuristics and not self.streaming and not self._waited:
+                self._waited = True
+                return self.position
             if self._buffer:
                 self._begin(self._buffer.popleft())
             else:
@@ -92,7 +97,7 @@ class TrajectoryInterpolator(Generic[Value]):
         if self._buffer:
             self.filled_buffer_steps += 1
             loops = max(1, loops - 1)
-        self._goal, self._left, self._silent = point, loops, 0
+        self._goal, self._left, self._silent, self._waited = point, loops, 0, False
         self.speed = (point - self.position) / loops
 
     def _go_on(self) -> None:

@@ -63,6 +63,13 @@ class SerialDriverParameters(BaseModel):
         description="Rate of exchanges with the device, a multiple of control_rate; 0: control_rate",
         json_schema_extra={"unit": "Hz"},
     )
+    rate_lead: float = Field(
+        100.0,
+        ge=0.0,
+        le=10_000.0,
+        description="How much faster the driver cycles than it says, so that the device never waits for a point",
+        json_schema_extra={"unit": "ppm"},
+    )
     joint_rate: float = Field(
         50.0, gt=0.0, le=500.0, description="Rate of joint_states", json_schema_extra={"unit": "Hz"}
     )
@@ -117,7 +124,7 @@ class SerialDriverNode(Node):
         )
         cycle_rate = settings.cycle_rate or settings.control_rate
         self._every = round(cycle_rate / settings.control_rate)
-        self._schedule = FixedStepSchedule(1.0 / cycle_rate)
+        self._schedule = FixedStepSchedule(1.0 / (cycle_rate * (1.0 + settings.rate_lead * 1e-6)))
         self._follower = CommandFollower(robot)
         self._door = ServoCommandDoor(self._driver.names, HOLD_AFTER)
         self._outputs = SamplePublishers(

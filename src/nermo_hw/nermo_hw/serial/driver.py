@@ -13,6 +13,7 @@ from nermo_description.parameters import LEGS, RobotParameters
 from nermo_hw.sbcp import boards
 from nermo_hw.sbcp.boards import BODY_BOARD, BUS_CONTROLLER, CHANNELS, SERVO_BOARDS, board_name
 from nermo_hw.sbcp.packet import DeviceClass, Instruction, Packet, Status
+from nermo_hw.sbcp.plausible import plausible_answer
 from nermo_hw.sbcp.registers import Register, Value
 from nermo_hw.serial.calibration import Calibration, Mountings
 from nermo_hw.serial.line import Address, Line
@@ -66,7 +67,7 @@ class Driver:
         self.robot = robot
         self.port_name = port
         self._settings: dict[str, Value] = {"point_period": round(period_ms), "heuristics": 1}
-        self._line, self._clock = Line(port, reply_timeout, _plausible), clock
+        self._line, self._clock = Line(port, reply_timeout, plausible_answer), clock
         self._names = tuple(robot.servos)
         where = {
             name: _Channel((int(DeviceClass.SERVO_BOARD), number), channel)
@@ -306,22 +307,6 @@ class Driver:
 
     def _named(self, mask: int) -> tuple[str, ...]:
         return tuple(name for name, slot in zip(self._names, self._slot.tolist(), strict=True) if mask >> slot & 1)
-
-
-_ANSWER_SIZES = {
-    int(DeviceClass.SERVO_BOARD): boards.SERVO_ANSWER_SIZE,
-    int(DeviceClass.BODY_BOARD): boards.BODY_ANSWER_SIZE,
-}
-_REGISTER_SIZES = {0, 1, 2, 4, 16}
-_STATUSES = {int(status) for status in Status}
-_ADDRESSES = {BUS_CONTROLLER, BODY_BOARD, *((int(DeviceClass.SERVO_BOARD), number) for number in SERVO_BOARDS)}
-
-
-def _plausible(device_class: int, device_id: int, size: int, code: int) -> bool:
-    """What can come from a Nermo."""
-    if (device_class, device_id) not in _ADDRESSES or code not in _STATUSES:
-        return False
-    return size == _ANSWER_SIZES.get(device_class) or size in _REGISTER_SIZES
 
 
 def _register(address: Address, name: str) -> Register:
