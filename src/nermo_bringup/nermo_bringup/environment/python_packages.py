@@ -269,7 +269,9 @@ def _numbers(version: str) -> list[int]:
 
 
 def _for_uv(environment: dict[str, str]) -> dict[str, str]:
-    """An environment in which uv asks the index that pip would ask."""
+    """An environment in which uv asks the index that pip would ask, and trusts the certificates of this machine."""
+    # UV_NATIVE_TLS is what older versions call it; behind a company's proxy neither works without.
+    result = {"UV_SYSTEM_CERTS": "true", "UV_NATIVE_TLS": "true", **environment}
     if "PIP_INDEX_URL" in environment:
-        return {"UV_DEFAULT_INDEX": environment["PIP_INDEX_URL"], **environment}
-    return environment
+        result.setdefault("UV_DEFAULT_INDEX", environment["PIP_INDEX_URL"])
+    return result
