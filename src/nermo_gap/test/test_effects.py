@@ -25,7 +25,7 @@ NAMES = {
     *("armature", "tendon_slack", "tendon_elasticity", "tendon_friction", "tendon_detached", "joint_stiffness"),
     *("joint_damping", "joint_rest_angle", "joint_range", "mass", "com_shift", "inertia", "ground_friction"),
     *("ground_slope", "foot_compliance", "sensor_bias", "sensor_scale", "sensor_delay", "sensor_misalignment"),
-    *("sensor_saturation", "link_latency"),
+    *("sensor_saturation", "link_latency", "link_jitter", "link_loss", "clock_offset"),
 }
 
 

@@ -18,7 +18,7 @@ _FREE = 5.0
 """Standard deviations within which everything may move when it is fitted without priors."""
 
 
-def fit_everything(fitter: Fitter, selector: Selector, iterations: int = 6) -> dict[str, object]:
+def fit_everything(fitter: Fitter, iterations: int = 6, seed: int = 0) -> dict[str, object]:
     """Plain mujoco.sysid least squares of all nominal parameters at once, fitted outside fold 0 and scored in it.
 
     No effects, no priors, white residuals: what a user gets who frees every number of the model.
@@ -47,8 +47,17 @@ def fit_everything(fitter: Fitter, selector: Selector, iterations: int = 6) -> d
     fitted, _ = sysid.optimize(parameters, residual, optimizer="mujoco", verbose=False, max_iters=iterations, eps=1e-2)
     z = np.asarray(fitted.as_vector(), float)
     square = fitter.mean_square(fitter.replay(Hypothesis(), [(none, z)], test)[0], test)
+    before = fitter.mean_square(fitter.replay(Hypothesis(), [(none, np.zeros(len(fitter.nuisances)))], test)[0], test)
+    blocks = [np.flatnonzero(fitter.windows.block[test] == b) for b in np.unique(fitter.windows.block[test])]
+    rng = np.random.default_rng(seed)
+    draws = [np.concatenate([blocks[b] for b in rng.integers(0, len(blocks), len(blocks))]) for _ in range(400)]
+    gaps = np.sqrt([square[d].mean() for d in draws])
+    shrinks = 1.0 - gaps / np.sqrt([before[d].mean() for d in draws])
     return {
         "gap": float(np.sqrt(square.mean())),
+        "ci90": np.percentile(gaps, [5, 95]).tolist(),
+        "shrink": float(1.0 - np.sqrt(square.mean() / before.mean())),
+        "shrink_ci90": np.percentile(shrinks, [5, 95]).tolist(),
         "parameters": {n.name: float(v) for n, v in zip(fitter.nuisances, z, strict=True)},
         "parameter_unit": "standard deviations of the prior",
         "held_out": "fold 0",

@@ -20,7 +20,7 @@ from nermo_gap.core.baselines import best_in_sample, fit_everything
 from nermo_gap.core.effects.base import Context, Effect
 from nermo_gap.core.experiment import GenericMenu, Menu
 from nermo_gap.core.fit import Fit, Fitter, Hypothesis
-from nermo_gap.core.isolability import isolability
+from nermo_gap.core.isolability import confusion, isolability
 from nermo_gap.core.library import enumerate_effects
 from nermo_gap.core.next_experiment import Proposal, propose
 from nermo_gap.core.noise import noise_floor
@@ -127,6 +127,7 @@ def _report(
     residuals, plant = fitter.residuals, fitter.residuals.replayer.plant
     nominal = fitter.replay(Hypothesis(), [(np.zeros(0), np.zeros(len(fitter.nuisances)))])[0]
     windows = fitter.windows
+    contenders = [best.fit, *(s.fit for s in [*selection.rivals, *selection.singles]), selection.reference.fit]
     return {
         "schema": SCHEMA,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -145,7 +146,7 @@ def _report(
         ],
         "equivalent": verdict.equivalent,
         "isolability": isolability(selection.screened, [e.key for e in best.fit.hypothesis.effects])
-        | {"rivals_deg": verdict.angles},
+        | {"rivals_deg": verdict.angles, "confusion": confusion(fitter, contenders, options.seed)},
         "unexplained_predictable_share": structure,
         "nuisances": {n.name: float(z) for n, z in zip(fitter.nuisances, best.fit.z, strict=True) if abs(z) > 0.05},
         "baselines": _baselines(fitter, selector, selection, options),
@@ -237,12 +238,12 @@ def parameter_deviation(fit: Fit) -> Array:
 
 def _baselines(fitter: Fitter, selector: Selector, selection: Selection, options: Options) -> dict[str, Any]:
     found: dict[str, Any] = {
-        "nominal": {"gap": selection.nominal_gap},
+        "nominal": {"gap": selection.nominal_gap, "ci90": _interval(selector.gaps(selector.nominal_square)[1:])},
         "best_in_sample": best_in_sample(selector, selection.singles, selection.reference),
         "fit_everything": None,
     }
     if options.baselines:
-        found["fit_everything"] = fit_everything(fitter, selector)
+        found["fit_everything"] = fit_everything(fitter, seed=options.seed)
     return found
 
 

@@ -35,6 +35,8 @@ _STRAINED = 1.0
 _VALLEY = 0.05
 """[nats] Polishing ends when a round gains less."""
 _TRIALS = (1.0, 0.4, 0.12)
+_STRETCHES = 6
+"""A parameter that grows takes so many values over a recording."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,11 @@ class Hypothesis:
     def size(self) -> int:
         """Number of parameters of the effects."""
         return sum(len(e.parameters) for e in self.effects)
+
+    @property
+    def grows(self) -> bool:
+        """Whether the model changes over the recording."""
+        return any(e.grows for e in self.effects)
 
     def vector(self, attribute: str) -> Array:
         """An attribute of all parameters in order."""
@@ -105,12 +112,18 @@ class Fitter:
         self.independent = np.full(residuals.mask.shape[2], 4.0)
         self.jacobian = np.zeros((len(self.nuisances), *residuals.mask.shape), np.float32)
         self.nominal: Fit | None = None
+        middles = (self.windows.start + 0.5 * self.windows.length) * residuals.replayer.aligned.period
+        count = min(_STRETCHES, len(middles))
+        self._stretch: Ints = (count * np.arange(len(middles), dtype=np.int64)) // len(middles)
+        self._moments = np.array([middles[self._stretch == s].mean() for s in range(count)])
+        self._moments = self._moments - 0.5 * (middles.min() + middles.max())
 
     # -- model ---------------------------------------------------------------------------------------------------
 
-    def variant(self, hypothesis: Hypothesis, x: Array, z: Array) -> Variant:
-        """The model of a hypothesis at given parameters."""
+    def variant(self, hypothesis: Hypothesis, x: Array, z: Array, moment: float = 0.0) -> Variant:
+        """The model of a hypothesis at given parameters, ``moment`` [s] after the middle of the recording."""
         made = self.base.copy()
+        made.moment = moment
         apply_nuisances(self.nuisances, made, z)
         position = 0
         for effect in hypothesis.effects:
@@ -123,7 +136,12 @@ class Fitter:
         self, hypothesis: Hypothesis, points: Sequence[tuple[Array, Array]], select: Ints | None = None
     ) -> Array:
         """Residuals (n, nw, ns, nl) at points (x, z)."""
-        return self.residuals.of([self.variant(hypothesis, x, z) for x, z in points], select)
+        if not hypothesis.grows:
+            return self.residuals.of([self.variant(hypothesis, x, z) for x, z in points], select)
+        variants = [self.variant(hypothesis, x, z, float(m)) for x, z in points for m in self._moments]
+        stretch = self._stretch if select is None else self._stretch[select]
+        which = len(self._moments) * np.arange(len(points))[:, None] + stretch
+        return self.residuals.of(variants, select, which)
 
     # -- cost ----------------------------------------------------------------------------------------------------
 

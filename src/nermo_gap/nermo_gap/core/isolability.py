@@ -8,13 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.screen import Screened
+from nermo_gap.core.fit import Fit, Fitter
+from nermo_gap.core.screen import Screened, informative_windows
 
 Array = NDArray[np.float64]
 
 SEPARATE = 20.0
 """[deg] Effects whose responses lie closer than this are hard to tell apart in this recording."""
 _SHOWN = 16
+_REPEATS = 40
+"""Simulated recordings for each truth of the confusion matrix."""
+_CONFUSED = 6
 
 
 def isolability(screened: Sequence[Screened], winner: Sequence[str]) -> dict[str, Any]:
@@ -47,3 +51,38 @@ def angle_matrix(responses: Sequence[Array]) -> Array:
     angles: Array = np.degrees(np.arccos(np.clip(cosine, 0.0, 1.0)))
     np.fill_diagonal(angles, 0.0)
     return angles
+
+
+def confusion(fitter: Fitter, fits: Sequence[Fit], seed: int = 0) -> dict[str, Any]:
+    """How often a recording like this one, made by the model in the row, would be won by the model in the column.
+
+    The recordings are simulated: what a fitted model predicts, plus what the first fit leaves, dealt to other windows
+    with random signs. Every model is refitted to each, linearly, nuisances and priors included.
+    """
+    fits = list({f.hypothesis.key: f for f in fits}.values())[:_CONFUSED]
+    if not fits:
+        return {"effects": [], "probability": []}
+    select = informative_windows(fitter, fits[0], 30)
+    left = fits[0].residual[select].astype(float)
+    root = np.sqrt(fitter.weights(fitter.mean_square(left, select), select))[:, None, :]
+    shared = (fitter.jacobian[:, select] * root).reshape(len(fitter.jacobian), -1).astype(float)
+    solvers = []
+    for fit in fits:
+        own = (fit.effect_jacobian[:, select] * root).reshape(len(fit.effect_jacobian), -1)
+        stacked = np.concatenate([own, shared])
+        prior = np.concatenate([np.full(len(own), 1e-6), np.ones(len(shared))])
+        pull = np.concatenate([np.zeros(len(own)), fit.z])
+        solvers.append((stacked, np.linalg.cholesky(stacked @ stacked.T + np.diag(prior)), pull))
+    rng = np.random.default_rng(seed)
+    won = np.zeros((len(fits), len(fits)))
+    for i, truth in enumerate(fits):
+        for _ in range(_REPEATS):
+            noise = left[rng.permutation(len(left))] * rng.choice([-1.0, 1.0], (len(left), 1, 1))
+            costs = []
+            for fit, (stacked, factor, pull) in zip(fits, solvers, strict=True):
+                seen = ((fit.residual[select] - truth.residual[select] + noise) * root).reshape(-1)
+                step = np.linalg.solve(factor, stacked @ seen + pull)
+                price = float(fit.hypothesis.size)
+                costs.append(0.5 * float(seen @ seen) + 0.5 * float(fit.z @ fit.z) - 0.5 * float(step @ step) + price)
+            won[i, int(np.argmin(costs))] += 1.0 / _REPEATS
+    return {"effects": [f.hypothesis.key for f in fits], "probability": np.round(won, 3).tolist()}

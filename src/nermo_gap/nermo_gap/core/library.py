@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
-from nermo_gap.core.effects import body, contact, friction, joint, sensor, servo, tendon
+from nermo_gap.core.effects import body, contact, friction, joint, link, sensor, servo, tendon
 from nermo_gap.core.effects.base import Context, Effect
 from nermo_gap.core.errors import GapInputError, nearest
 
-_MODULES = (servo, friction, tendon, joint, body, contact, sensor)
+_MODULES = (servo, link, friction, tendon, joint, body, contact, sensor)
 
 
 def _classes(module: ModuleType) -> list[type[Effect]]:

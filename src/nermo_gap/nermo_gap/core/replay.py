@@ -18,6 +18,7 @@ from mujoco import batch as mjbatch
 from numpy.typing import NDArray
 
 from nermo_gap.core.align import Aligned
+from nermo_gap.core.drive import Drive, Follow
 from nermo_gap.core.plant import Plant, euler_angles
 from nermo_gap.core.servo_step import ServoStep, load_friction, needs_friction_step
 from nermo_gap.core.signal_path import inverse_outputs, shape_inputs
@@ -76,12 +77,16 @@ class Replayer:
 
     # -- what is asked for ---------------------------------------------------------------------------------------
 
-    def run(self, variants: Sequence[Variant], select: Ints | None = None) -> Array:
-        """Outputs of every variant in every (selected) window, (nv, nw, ns, no); NaN where a simulation broke down."""
+    def run(self, variants: Sequence[Variant], select: Ints | None = None, which: Ints | None = None) -> Array:
+        """Outputs of every variant in every (selected) window, (nv, nw, ns, no); NaN where a simulation broke down.
+
+        With ``which`` (np, nw), row p takes variant ``which[p, w]`` in window w; outputs are then (np, nw, ns, no).
+        """
         chosen = np.arange(len(self.windows)) if select is None else np.asarray(select)
-        which = np.repeat(np.arange(len(variants)), len(chosen))
-        flat = self.run_pairs(variants, which, np.tile(chosen, len(variants)))
-        return flat.reshape(len(variants), len(chosen), *flat.shape[1:])
+        if which is None:
+            which = np.repeat(np.arange(len(variants))[:, None], len(chosen), axis=1)
+        flat = self.run_pairs(variants, which.ravel(), np.tile(chosen, len(which)))
+        return flat.reshape(*which.shape, *flat.shape[1:])
 
     def run_pairs(
         self,
@@ -189,9 +194,11 @@ class Replayer:
         if self._start is not None:
             batch.state[:] = self._start[window]
         mine = [variants[v] for v in which]
-        drive = _Drive(self, variants, rows, shared_inputs, which, self.windows.start[window] - self.windows.warm_up)
+        paths = np.array([rows[v].inputs for v in which])
+        origin = self.windows.start[window] - self.windows.warm_up
+        drive = Drive(self.plant, mine, paths, shared_inputs, origin, self._dt, self.aligned.period)
         drive.limits(self._run_start[window], self._run_stop[window])
-        follow = _Follow(states, np.array([rows[v].state for v in which]), drive.origin, batch)
+        follow = Follow(states, np.array([rows[v].state for v in which]), drive.origin, batch)
         history = np.empty((len(which), self._steps, self.plant.model.nsensordata))
         failed = np.zeros(len(which), bool)
         if stepwise:
@@ -207,8 +214,8 @@ class Replayer:
     def _roll_out(
         self,
         batch: mjbatch.Batch,
-        drive: _Drive,
-        follow: _Follow,
+        drive: Drive,
+        follow: Follow,
         history: Array,
         failed: NDArray[np.bool_],
         shift: Array | None,
@@ -236,8 +243,8 @@ class Replayer:
         self,
         batch: mjbatch.Batch,
         mine: Sequence[Variant],
-        drive: _Drive,
-        follow: _Follow,
+        drive: Drive,
+        follow: Follow,
         history: Array,
         failed: NDArray[np.bool_],
         shift: Array | None,
@@ -319,10 +326,11 @@ class Replayer:
         batch = self._batch(rows, which)
         key = 0 if self.plant.model.nkey else -1
         batch.reset(keyframe=key, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-        drive = _Drive(self, [nominal], rows, shared_inputs, which, origins)
+        paths = np.full(len(pieces), rows[0].inputs)
+        drive = Drive(self.plant, [nominal] * len(pieces), paths, shared_inputs, origins, dt, period)
         stops = np.array([next(r.stop for r in self.aligned.runs if r.start <= o < r.stop) for o in origins])
         drive.limits(np.array([r for _, r in pieces]), stops)
-        follow = _Follow(states, which, origins, batch, stops)
+        follow = Follow(states, which, origins, batch, stops)
         found = np.zeros((len(windows), batch.nstate))
         by_step: dict[int, list[int]] = {}
         for w, k in enumerate(at):
@@ -337,95 +345,6 @@ class Replayer:
         return found
 
 
-class _Drive:
-    """Controls and applied joint forces of every simulation at a position (in grid rows) after its origin."""
-
-    def __init__(
-        self,
-        replayer: Replayer,
-        variants: Sequence[Variant],
-        rows: Sequence[_Row],
-        shared: Array,
-        which: Ints,
-        origin: Ints,
-    ) -> None:
-        plant = replayer.plant
-        self._shared, self.origin = shared, origin
-        self._path = np.array([rows[v].inputs for v in which])[:, None]
-        period = replayer.aligned.period
-        # A held command is a staircase of time steps; the line through the middles of its stairs does the same work
-        # and moves smoothly with the delay.
-        half_stair = 0.5 * max(1.0 - replayer._dt / period, 0.0)
-        hold = np.array([0.0 if c.linear else half_stair for c in plant.inputs])
-        self._lag = np.array([variants[v].inputs.delay for v in which]) / period + hold
-        self._channels = np.arange(len(plant.inputs))[None, :]
-        self._to_control = np.zeros((len(plant.inputs), plant.model.nu))
-        self._to_force = np.zeros((len(plant.inputs), plant.model.nv))
-        for i, channel in enumerate(plant.inputs):
-            if channel.actuator >= 0:
-                self._to_control[i, channel.actuator] = 1.0
-            else:
-                self._to_force[i, channel.dof] = 1.0
-        self._low = self._high = np.zeros((len(which), 1), np.int64)
-
-    def limits(self, low: Ints, high: Ints) -> None:
-        """Rows [low, high) of the run that each simulation belongs to."""
-        self._low, self._high = low[:, None], high[:, None] - 2
-
-    def at(self, position: float | Array) -> tuple[Array, Array]:
-        """(ctrl (n, nu), joint forces (n, nv)) at a position; (n, k, ...) at k positions."""
-        several = np.ndim(position) > 0
-        moment = np.asarray(position)[None, :, None] if several else position
-        extend = (lambda a: a[:, None, :]) if several else (lambda a: a)
-        row = extend(self.origin[:, None] - self._lag) + moment
-        row = np.clip(row, extend(self._low), extend(self._high + 1))
-        floor = np.minimum(row.astype(np.int64), extend(self._high))
-        share = row - floor
-        path = extend(self._path)
-        before = self._shared[path, floor, self._channels]
-        after = self._shared[path, floor + 1, self._channels]
-        values = before + share * (after - before)
-        return values @ self._to_control, values @ self._to_force
-
-
-class _Follow:
-    """Puts the measured coordinates of every simulation where the robot was."""
-
-    def __init__(
-        self,
-        states: Sequence[MeasuredState],
-        index: Ints,
-        origin: Ints,
-        batch: mjbatch.Batch,
-        stops: Ints | None = None,
-    ) -> None:
-        self._index, self._origin, self._batch, self._stops = index, origin, batch, stops
-        first = states[0]
-        self._position = np.stack([s.position for s in states])
-        self._velocity = np.stack([s.velocity for s in states])
-        self._known = first.qpos >= 0
-        self._qpos, self._dof, self._base = first.qpos[self._known], first.dof, first.base
-        self._pose = np.stack([s.pose for s in states])
-        self._twist = np.stack([s.twist for s in states])
-
-    def apply(self, position: float, shift: Array | None, rate_shift: Array | None) -> None:
-        """Overwrite coordinates and rates with the measurement ``position`` rows after the origin."""
-        row = self._origin + int(position)
-        last = self._position.shape[1] - 2 if self._stops is None else self._stops - 2
-        row, share = np.minimum(row, last), (position - int(position))
-        qpos, qvel = self._batch.qpos, self._batch.qvel
-        if len(self._dof):
-            value = _between(self._position, self._index, row, share) + (0.0 if shift is None else shift)
-            rate = _between(self._velocity, self._index, row, share) + (0.0 if rate_shift is None else rate_shift)
-            qpos[:, self._qpos] = value[:, self._known]
-            qvel[:, self._dof] = rate
-        if self._base is not None:
-            pose = _between(self._pose, self._index, row, share)
-            pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
-            qpos[:, self._base[0] : self._base[0] + 7] = pose
-            qvel[:, self._base[1] : self._base[1] + 6] = _between(self._twist, self._index, row, share)
-
-
 def needs_steps(variant: Variant) -> bool:
     """Whether a variant must be stepped: its servos or frictions look at the state, or its past is sampled."""
     servos, outputs = variant.servos, variant.outputs
@@ -438,11 +357,6 @@ def _try(call: Callable[[], object], failed: NDArray[np.bool_]) -> None:
         call()
     except mjbatch.SimulationError as error:
         failed[error.ids] = True
-
-
-def _between(series: Array, index: Ints, row: Ints, share: float) -> Array:
-    before: Array = series[index, row]
-    return before + share * (series[index, row + 1] - before)
 
 
 @contextlib.contextmanager

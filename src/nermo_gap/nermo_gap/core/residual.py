@@ -95,9 +95,9 @@ class Residuals:
         flat = flat - np.einsum("wmk,...wk->...wm", basis, amounts, optimize=True)
         return flat.reshape(raw.shape)
 
-    def of(self, variants: list[Variant], select: Ints | None = None) -> Array:
-        """Residuals (nv, nw, ns, nl) of variants."""
-        return self.whiten(self.raw(self.replayer.run(variants, select), select), select)
+    def of(self, variants: list[Variant], select: Ints | None = None, which: Ints | None = None) -> Array:
+        """Residuals (nv, nw, ns, nl) of variants; ``which`` as in Replayer.run."""
+        return self.whiten(self.raw(self.replayer.run(variants, select, which), select), select)
 
     def update_start(self, reference: Variant) -> None:
         """Recompute how an error of the start shows, about ``reference``."""

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
+from nermo_gap.core.align import Aligned
 from nermo_gap.core.effects.base import Scales
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.variant import Variant
+
+Array = NDArray[np.float64]
 
 
 def measure_scales(replayer: Replayer, nominal: Variant) -> Scales:
@@ -53,6 +57,18 @@ def measure_scales(replayer: Replayer, nominal: Variant) -> Scales:
         tendon_force=tendon_force,
         input_rms=np.sqrt((inputs**2).mean(0)),
         input_rate=rate,
+        input_update=_update_period(aligned),
         output_rms=np.nan_to_num(np.nanstd(outputs, axis=0)),
         output_extreme=np.nan_to_num(np.nanpercentile(np.abs(outputs), 99.8, axis=0)),
     )
+
+
+def _update_period(aligned: Aligned) -> Array:
+    """Median time [s] between two changes of every input, (ni,); the recording's own period at least."""
+    found = np.full(aligned.inputs.shape[1], aligned.period)
+    for i in range(len(found)):
+        gaps = [np.diff(np.flatnonzero(np.diff(aligned.inputs[r.start : r.stop, i]))) for r in aligned.runs]
+        joined = np.concatenate(gaps)
+        if len(joined):
+            found[i] = max(float(np.median(joined)), 1.0) * aligned.period
+    return found

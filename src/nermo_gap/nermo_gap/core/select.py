@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_gap.core.effects.base import Effect
+from nermo_gap.core.effects.growing import MIN_DURATION, Growing
 from nermo_gap.core.fit import Fit, Fitter, Hypothesis
 from nermo_gap.core.screen import Screened, screen
 
@@ -143,6 +144,7 @@ class Selector:
         while len(result.best.fit.hypothesis.effects) < MAX_EFFECTS and result.best.gap > 1.15:
             if not self._add(result, screened):
                 break
+        self._grow(result)
         return result
 
     def _screen_about_nominal(self) -> list[Screened]:
@@ -232,6 +234,25 @@ class Selector:
         pairs = sorted([best, *(p for p in pairs if p.fit.hypothesis is not best.fit.hypothesis)], key=_score)
         result.best, result.rivals = best, pairs
         return True
+
+    def _grow(self, result: Selection) -> None:
+        """Let the parameter of each effect that was found grow with time, where the recording is long enough."""
+        duration = self.fitter.residuals.replayer.aligned.duration
+        if duration < MIN_DURATION:
+            return
+        for i, effect in enumerate(result.best.fit.hypothesis.effects):
+            if len(effect.parameters) != 1:
+                continue
+            self._say("growth", i / len(result.best.fit.hypothesis.effects))
+            base = result.best
+            effects = list(base.fit.hypothesis.effects)
+            at = sum(len(e.parameters) for e in effects[: i + 1])
+            effects[i] = Growing(effect, duration)
+            fit = self.fitter.fit(Hypothesis(tuple(effects)), np.insert(base.fit.x, at, 0.0), base.fit.z)
+            grown = self.scored(self.fitter.cross_validate(fit))
+            gain, low, _ = self.difference(base.fit, grown.fit)
+            if gain > EVIDENCE and low > 0.0:
+                result.best = self._follow(grown)
 
     def _follow(self, scored: Scored) -> Scored:
         """A winner fitted to the end."""

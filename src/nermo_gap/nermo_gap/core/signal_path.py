@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from nermo_gap.core.align import Aligned
 from nermo_gap.core.variant import InputPath, OutputPath
@@ -24,9 +25,31 @@ def shape_inputs(aligned: Aligned, paths: Sequence[InputPath]) -> Array:
         if path.added is not None:
             u[i] += path.added
     u = np.clip(u, low[:, None], high[:, None])
+    late = np.stack([(p.loss > 0) | (p.jitter > 0) for p in paths])
+    for which, channel in np.argwhere(late):
+        for run in aligned.runs:
+            part = slice(run.start, run.stop)
+            u[which, part, channel] = _expected(u[which, part, channel], paths[which], int(channel), aligned.period)
     slow = np.flatnonzero((np.isfinite(rate) | (play > 0)).any(axis=1))
     if len(slow):
         u[slow] = _remember(u[slow], aligned, rate[slow] * aligned.period, 0.5 * play[slow])
+    return u
+
+
+def _expected(u: Array, path: InputPath, channel: int, period: float) -> Array:
+    """The command (n,) that acts on average over a link that loses updates or delays them unevenly."""
+    loss, width = float(path.loss[channel]), float(path.jitter[channel]) / period
+    if loss > 0:
+        # Each update is missed with the same probability, and the one before acts on.
+        lag = max(round(float(path.update[channel]) / period), 1)
+        feedback = np.zeros(lag + 1)
+        feedback[0], feedback[lag] = 1.0, -loss
+        u = lfilter([1.0 - loss], feedback, u, zi=np.full(lag, loss * u[0]))[0]
+    if width > 0:
+        rows = np.arange(len(u), dtype=np.float64)
+        total = np.concatenate([[0.0], np.cumsum(0.5 * (u[1:] + u[:-1]))])
+        before = rows - width
+        u = (total - np.interp(before, rows, total) - u[0] * np.minimum(before, 0.0)) / width
     return u
 
 

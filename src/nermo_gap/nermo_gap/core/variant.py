@@ -26,6 +26,12 @@ class InputPath:
     """Largest change per second."""
     play: Array
     """Full width of a hysteresis (play operator) of the command."""
+    loss: Array
+    """Probability that an update of the command does not arrive: the expected command lags and is smoothed."""
+    jitter: Array
+    """[s] The delay of every update is drawn between 0 and this: the expected command lags and is smoothed."""
+    update: Array
+    """[s] between two updates of the command."""
     low: Array
     high: Array
     added: Array | None = None
@@ -40,11 +46,13 @@ class InputPath:
             bounds = plant.model.actuator_ctrlrange[channel.actuator] if channel.actuator >= 0 else (0.0, 0.0)
             if channel.actuator >= 0 and bounds[1] > bounds[0] and not channel.measured:
                 low[i], high[i] = bounds
-        return cls(np.ones(n), np.zeros(n), np.zeros(n), np.full(n, np.inf), np.zeros(n), low, high)
+        zero = np.zeros((6, n))
+        return cls(np.ones(n), zero[0], zero[1], np.full(n, np.inf), zero[2], zero[3], zero[4], zero[5], low, high)
 
     def key(self) -> bytes:
         """Equal for paths that do the same to the samples (the delay acts later, between samples)."""
-        numbers = np.concatenate([self.scale, self.offset, self.rate_limit, self.play, self.low, self.high]).tobytes()
+        fields = (self.scale, self.offset, self.rate_limit, self.play, self.loss, self.jitter, self.low, self.high)
+        numbers = np.concatenate(fields).tobytes()
         return numbers if self.added is None else numbers + self.added.tobytes()
 
 
@@ -125,6 +133,8 @@ class Variant:
     servos: ServoPath
     friction: FrictionPath
     outputs: OutputPath
+    moment: float = 0.0
+    """[s] after the middle of the recording, for effects that grow with time."""
 
     @classmethod
     def nominal(cls, plant: Plant) -> Variant:
@@ -147,4 +157,5 @@ class Variant:
             copy.deepcopy(self.servos),
             copy.deepcopy(self.friction),
             copy.deepcopy(self.outputs),
+            self.moment,
         )

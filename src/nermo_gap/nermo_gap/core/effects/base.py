@@ -45,6 +45,7 @@ class Scales:
 
     Per degree of freedom: ``torque`` and ``speed`` (root mean square), joint ``inertia``, and the range of motion from
     ``low`` to ``high``. ``force`` is per actuator, ``input_rate`` per input: percentiles 60, 80, 95 of absolute values.
+    ``input_update`` [s] is the usual time between two changes of an input.
     """
 
     torque: Array
@@ -56,6 +57,7 @@ class Scales:
     tendon_force: Array
     input_rms: Array
     input_rate: Array
+    input_update: Array
     output_rms: Array
     output_extreme: Array
 
@@ -85,7 +87,9 @@ class Context:
 class Effect(ABC):
     """An effect at a site. Subclass it, give it a name, say where it can act, and how it enters a variant."""
 
-    name: ClassVar[str]
+    name: str
+    grows: ClassVar[bool] = False
+    """Whether ``apply`` looks at ``variant.moment``."""
 
     def __init__(self, site: Site, parameters: Sequence[Parameter], form: str = "") -> None:
         self.site, self.parameters, self.form = site, tuple(parameters), form

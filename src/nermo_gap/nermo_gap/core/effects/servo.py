@@ -217,27 +217,6 @@ class SupplySag(Effect):
         variant.servos.sag_reference = self._reference
 
 
-class LinkLatency(Effect):
-    """Every command arrives late by the same time."""
-
-    name = "link_latency"
-
-    @property
-    def aliases(self) -> tuple[str, ...]:
-        """A delay of all servos is the same."""
-        return ("servo_delay@all",)
-
-    @classmethod
-    def candidates(cls, context: Context) -> Iterable[Effect]:
-        channels = [i for i, c in enumerate(context.plant.inputs) if not c.measured]
-        # With one actuator the delay is called the servo's.
-        if len({context.plant.inputs[i].actuator for i in channels}) > 1:
-            yield cls(Site("all", tuple(channels)), [Parameter("delay", "s", 0.0, 0.0, 0.2, (0.006, 0.02, 0.06), 0.01)])
-
-    def apply(self, variant: Variant, values: Sequence[float]) -> None:
-        variant.inputs.delay[list(self.site.targets)] += values[0]
-
-
 def _input_name(plant: Plant, i: int) -> str:
     channel = plant.inputs[i]
     if channel.actuator >= 0:

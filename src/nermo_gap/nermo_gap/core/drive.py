@@ -1,0 +1,112 @@
+"""What every simulation of a replay is given at a moment: its inputs, and where the robot was measured to be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from mujoco import batch as mjbatch
+from numpy.typing import NDArray
+
+from nermo_gap.core.plant import Plant
+from nermo_gap.core.state import MeasuredState
+from nermo_gap.core.variant import Variant
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Drive:
+    """Controls and applied joint forces of every simulation at a position (in grid rows) after its origin.
+
+    Simulation i belongs to ``variants[i]`` and reads the inputs ``shared[paths[i]]`` (n, ni) from row ``origin[i]`` on.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        variants: Sequence[Variant],
+        paths: Ints,
+        shared: Array,
+        origin: Ints,
+        dt: float,
+        period: float,
+    ) -> None:
+        self._shared, self.origin = shared, origin
+        self._path = paths[:, None]
+        # A held command is a staircase of time steps; the line through the middles of its stairs does the same work
+        # and moves smoothly with the delay.
+        half_stair = 0.5 * max(1.0 - dt / period, 0.0)
+        hold = np.array([0.0 if c.linear else half_stair for c in plant.inputs])
+        self._lag = np.array([v.inputs.delay for v in variants]) / period + hold
+        self._channels = np.arange(len(plant.inputs))[None, :]
+        self._to_control = np.zeros((len(plant.inputs), plant.model.nu))
+        self._to_force = np.zeros((len(plant.inputs), plant.model.nv))
+        for i, channel in enumerate(plant.inputs):
+            if channel.actuator >= 0:
+                self._to_control[i, channel.actuator] = 1.0
+            else:
+                self._to_force[i, channel.dof] = 1.0
+        self._low = self._high = np.zeros((len(paths), 1), np.int64)
+
+    def limits(self, low: Ints, high: Ints) -> None:
+        """Rows [low, high) of the run that each simulation belongs to."""
+        self._low, self._high = low[:, None], high[:, None] - 2
+
+    def at(self, position: float | Array) -> tuple[Array, Array]:
+        """(ctrl (n, nu), joint forces (n, nv)) at a position; (n, k, ...) at k positions."""
+        several = np.ndim(position) > 0
+        moment = np.asarray(position)[None, :, None] if several else position
+        extend = (lambda a: a[:, None, :]) if several else (lambda a: a)
+        row = extend(self.origin[:, None] - self._lag) + moment
+        row = np.clip(row, extend(self._low), extend(self._high + 1))
+        floor = np.minimum(row.astype(np.int64), extend(self._high))
+        share = row - floor
+        path = extend(self._path)
+        before = self._shared[path, floor, self._channels]
+        after = self._shared[path, floor + 1, self._channels]
+        values = before + share * (after - before)
+        return values @ self._to_control, values @ self._to_force
+
+
+class Follow:
+    """Puts the measured coordinates of every simulation where the robot was."""
+
+    def __init__(
+        self,
+        states: Sequence[MeasuredState],
+        index: Ints,
+        origin: Ints,
+        batch: mjbatch.Batch,
+        stops: Ints | None = None,
+    ) -> None:
+        self._index, self._origin, self._batch, self._stops = index, origin, batch, stops
+        first = states[0]
+        self._position = np.stack([s.position for s in states])
+        self._velocity = np.stack([s.velocity for s in states])
+        self._known = first.qpos >= 0
+        self._qpos, self._dof, self._base = first.qpos[self._known], first.dof, first.base
+        self._pose = np.stack([s.pose for s in states])
+        self._twist = np.stack([s.twist for s in states])
+
+    def apply(self, position: float, shift: Array | None, rate_shift: Array | None) -> None:
+        """Overwrite coordinates and rates with the measurement ``position`` rows after the origin."""
+        row = self._origin + int(position)
+        last = self._position.shape[1] - 2 if self._stops is None else self._stops - 2
+        row, share = np.minimum(row, last), (position - int(position))
+        qpos, qvel = self._batch.qpos, self._batch.qvel
+        if len(self._dof):
+            value = _between(self._position, self._index, row, share) + (0.0 if shift is None else shift)
+            rate = _between(self._velocity, self._index, row, share) + (0.0 if rate_shift is None else rate_shift)
+            qpos[:, self._qpos] = value[:, self._known]
+            qvel[:, self._dof] = rate
+        if self._base is not None:
+            pose = _between(self._pose, self._index, row, share)
+            pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
+            qpos[:, self._base[0] : self._base[0] + 7] = pose
+            qvel[:, self._base[1] : self._base[1] + 6] = _between(self._twist, self._index, row, share)
+
+
+def _between(series: Array, index: Ints, row: Ints, share: float) -> Array:
+    before: Array = series[index, row]
+    return before + share * (series[index, row + 1] - before)

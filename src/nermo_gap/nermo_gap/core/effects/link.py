@@ -1,0 +1,92 @@
+"""Effects of the link between controller and robot, and of the clocks at its two ends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from nermo_gap.core.effects.base import Context, Effect, Parameter, Site
+from nermo_gap.core.variant import Variant
+
+
+def _commands(context: Context) -> list[int]:
+    """Input channels that come over the link."""
+    return [i for i, c in enumerate(context.plant.inputs) if not c.measured]
+
+
+class LinkLatency(Effect):
+    """Every command arrives late by the same time."""
+
+    name = "link_latency"
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        """A delay of all servos is the same."""
+        return ("servo_delay@all",)
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        channels = _commands(context)
+        # With one actuator the delay is called the servo's.
+        if len({context.plant.inputs[i].actuator for i in channels}) > 1:
+            yield cls(Site("all", tuple(channels)), [Parameter("delay", "s", 0.0, 0.0, 0.2, (0.006, 0.02, 0.06), 0.01)])
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        variant.inputs.delay[list(self.site.targets)] += values[0]
+
+
+class LinkJitter(Effect):
+    """Commands arrive late by a time that differs from one to the next.
+
+    A recording does not say by how much each one was late, so the command that acts on average is replayed: delays are
+    spread evenly between 0 and the parameter. What is random about them stays in the residual.
+    """
+
+    name = "link_jitter"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        if channels := _commands(context):
+            site = Site("all", tuple(channels))
+            yield cls(site, [Parameter("spread", "s", 0.0, 0.0, 0.3, (0.02, 0.06, 0.15), 0.02)])
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        variant.inputs.jitter[list(self.site.targets)] += values[0]
+
+
+class LinkLoss(Effect):
+    """Some commands never arrive, and the one before acts on; replayed is the command that acts on average."""
+
+    name = "link_loss"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        if channels := _commands(context):
+            effect = cls(Site("all", tuple(channels)), [Parameter("share", "1", 0.0, 0.0, 0.95, (0.3, 0.6, 0.85), 0.1)])
+            effect._update = tuple(float(context.scales.input_update[i]) for i in channels)
+            yield effect
+
+    _update: tuple[float, ...] = ()
+    """[s] between two updates of each command."""
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        channels = list(self.site.targets)
+        variant.inputs.loss[channels], variant.inputs.update[channels] = values[0], self._update
+
+
+class ClockOffset(Effect):
+    """The clocks of inputs and outputs differ: what was told or measured as input has too late a stamp.
+
+    For commands only this direction is told from a delay; for measured inputs, which act at once, both are.
+    """
+
+    name = "clock_offset"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        inputs = context.plant.inputs
+        exact = all(c.measured or c.actuator < 0 for c in inputs)
+        tries, high = ((-0.04, -0.012, 0.012, 0.04), 0.2) if exact else ((-0.04, -0.012), 0.0)
+        yield cls(Site("inputs", tuple(range(len(inputs)))), [Parameter("offset", "s", 0.0, -0.2, high, tries, 0.01)])
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        variant.inputs.delay += values[0]
