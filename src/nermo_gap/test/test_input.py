@@ -16,7 +16,7 @@ from nermo_gap.core.errors import GapInputError
 from nermo_gap.core.mapping import load_map, parse_map
 from nermo_gap.core.noise import noise_floor
 from nermo_gap.core.plant import build_plant, euler_angles
-from nermo_gap.core.plausibility import check_map
+from nermo_gap.core.plausibility import check_map, check_replay
 from nermo_gap.core.recording import load_table, recording_from_table
 from nermo_gap.core.state import measured_state
 from nermo_gap.core.units import factor
@@ -224,6 +224,21 @@ def test_wrong_units_are_noticed() -> None:
     table["f"] = table["f"] * 1000.0
     with pytest.raises(GapInputError, match="'f'.*thousand"):
         _check("cart_pole", table)
+    table = simulate("leg", 8.0)
+    table["z"] = table["z"] * 1000.0
+    with pytest.raises(GapInputError, match="'z'.*height"):
+        _check("leg", table)
+
+
+def test_wrong_units_show_in_the_replay() -> None:
+    """An inertial sensor has nothing but the model to be compared with."""
+    plant, rng = plant_of("leg"), np.random.default_rng(0)
+    moved = rng.normal(0, 0.1, (6, 30, len(plant.outputs)))
+    replayed = moved + rng.normal(0, 0.03, moved.shape)
+    check_replay(plant, 1.4 * moved, replayed)
+    for wrong in (180 / np.pi, 1000.0):
+        with pytest.raises(GapInputError, match="'z'.*unit"):
+            check_replay(plant, wrong * moved, replayed)
 
 
 def test_swapped_columns_and_signs_are_noticed() -> None:

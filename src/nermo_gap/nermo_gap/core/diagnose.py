@@ -26,7 +26,7 @@ from nermo_gap.core.next_experiment import Proposal, propose
 from nermo_gap.core.noise import noise_floor
 from nermo_gap.core.nuisance import enumerate_nuisances
 from nermo_gap.core.plant import Plant
-from nermo_gap.core.plausibility import check_map
+from nermo_gap.core.plausibility import check_map, check_replay
 from nermo_gap.core.recording import Recording, concatenate
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.residual import Residuals
@@ -37,7 +37,7 @@ from nermo_gap.core.structure import predictable_share
 from nermo_gap.core.variant import Variant
 from nermo_gap.core.verdict import Verdict, judge
 from nermo_gap.core.where import bands, locate
-from nermo_gap.core.windows import cut
+from nermo_gap.core.windows import affordable, cut
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -90,13 +90,14 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     floor = noise_floor(aligned)
     warnings = [*plant.warnings, *aligned.warnings]
     warnings += check_map(plant, aligned, measured_state(plant, aligned, floor))
-    windows = cut(aligned)
+    windows = cut(aligned, most=affordable(plant.model))
     replayer = Replayer(plant, aligned, windows, floor, options.threads)
     nominal = Variant.nominal(plant)
     context = Context(plant, measure_scales(replayer, nominal), options.groups)
     effects = enumerate_effects(context, options.extra_effects, options.only)
     size = np.sqrt((aligned.inputs**2).mean(axis=0))
     nuisances = enumerate_nuisances(plant, aligned.outputs.std(axis=0), size, aligned.period)
+    check_replay(plant, aligned.outputs[windows.rows()], replayer.run([nominal])[0])
     residuals = Residuals.build(replayer, nominal)
     fitter = Fitter(residuals, nuisances)
     selector = Selector(fitter, effects, options.seed, options.progress)

@@ -34,6 +34,8 @@ _STRAINED = 1.0
 """[nats] Nuisances that cost more than this may have swallowed a part of an effect."""
 _VALLEY = 0.05
 """[nats] Polishing ends when a round gains less."""
+_MANY, _MOVED = 24, 0.3
+"""Of more than so many nuisances, polishing looks anew at those that are this many standard deviations off."""
 _TRIALS = (1.0, 0.4, 0.12)
 _STRETCHES = 6
 """A parameter that grows takes so many values over a recording."""
@@ -183,13 +185,22 @@ class Fitter:
     # -- linear algebra ------------------------------------------------------------------------------------------
 
     def solve(
-        self, residual: Array, effect_jacobian: Array, z: Array, low: Array, high: Array, select: Ints | None = None
+        self,
+        residual: Array,
+        effect_jacobian: Array,
+        z: Array,
+        low: Array,
+        high: Array,
+        select: Ints | None = None,
+        nuisance: Array | None = None,
     ) -> tuple[Array, Array, Array]:
         """One bounded Gauss-Newton step (dx scaled, dz) about a residual; also the normal matrix.
 
-        ``low`` and ``high`` bound the scaled step of the effects; z stays in its box.
+        ``low`` and ``high`` bound the scaled step of the effects; z stays in its box. ``nuisance`` are the
+        sensitivities in the selected windows, the fitter's own where not given.
         """
-        nuisance = self.jacobian if select is None else self.jacobian[:, select]
+        if nuisance is None:
+            nuisance = self.jacobian if select is None else self.jacobian[:, select]
         square = self.mean_square(residual, select)
         root = np.sqrt(self.weights(square, select))[:, None, :]
         ne, nn = len(effect_jacobian), len(nuisance)
@@ -207,17 +218,19 @@ class Fitter:
         step = lsq_linear(factor, -np.linalg.solve(factor.T, slope), (lower, upper), method="bvls").x
         return step[:ne], step[ne:], normal
 
-    def refresh(self, hypothesis: Hypothesis, x: Array, z: Array, residual: Array) -> None:
-        """Recompute the nuisance sensitivities about a point whose residual is known."""
+    def refresh(
+        self, hypothesis: Hypothesis, x: Array, z: Array, residual: Array, which: NDArray[np.bool_] | None = None
+    ) -> None:
+        """Recompute the nuisance sensitivities (or those of ``which``) about a point whose residual is known."""
         signs = np.where(z > 0, -1.0, 1.0)
-        points = []
-        for i, s in enumerate(signs):
-            moved = z.copy()
-            moved[i] += s * _NUISANCE_STEP
-            points.append((x, moved))
-        for first in range(0, len(points), 16):
-            part = slice(first, first + 16)
-            shifted = self.replay(hypothesis, points[part])
+        rows = np.arange(len(z)) if which is None else np.flatnonzero(which)
+        for first in range(0, len(rows), 16):
+            part, points = rows[first : first + 16], []
+            for i in part:
+                moved = z.copy()
+                moved[i] += signs[i] * _NUISANCE_STEP
+                points.append((x, moved))
+            shifted = self.replay(hypothesis, points)
             self.jacobian[part] = (shifted - residual) / (signs[part, None, None, None] * _NUISANCE_STEP)
 
     # -- fits ----------------------------------------------------------------------------------------------------
@@ -247,7 +260,8 @@ class Fitter:
         kept = self.jacobian.copy()
         strained = fit.prior > _STRAINED
         for _ in range(rounds):
-            self.refresh(fit.hypothesis, fit.x, fit.z, fit.residual)
+            moved = np.abs(fit.z) > _MOVED if len(fit.z) > _MANY else None
+            self.refresh(fit.hypothesis, fit.x, fit.z, fit.residual, moved)
             better = self.fit(fit.hypothesis, fit.x, fit.z, 4, fit.residual)
             if strained:
                 # From the other end of the valley: nuisances at rest, the effect as large as it is.
@@ -260,25 +274,37 @@ class Fitter:
         self.jacobian = kept
         return fit
 
-    def fit(self, hypothesis: Hypothesis, x: Array, z: Array, iterations: int = 5, known: Array | None = None) -> Fit:
-        """Gauss-Newton with line search from (x, z) on all windows."""
+    def fit(
+        self,
+        hypothesis: Hypothesis,
+        x: Array,
+        z: Array,
+        iterations: int = 5,
+        known: Array | None = None,
+        select: Ints | None = None,
+    ) -> Fit:
+        """Gauss-Newton with line search from (x, z) on all (or selected) windows; the fit is evaluated on all of them.
+
+        ``known`` is the residual at (x, z), where it has been computed.
+        """
         scale, low, high = hypothesis.vector("scale"), hypothesis.vector("low"), hypothesis.vector("high")
         neutral = hypothesis.vector("neutral")
         x, z = np.clip(x, low, high), z.copy()
-        residual = self.replay(hypothesis, [(x, z)])[0] if known is None else known
-        cost = self._cost(residual, z)
+        residual = self.replay(hypothesis, [(x, z)], select)[0] if known is None else known
+        cost = self._cost(residual, z, select)
         jacobian = np.zeros((len(x), *residual.shape))
         fresh, shared = False, self.jacobian
+        if select is not None:
+            self.jacobian = self.jacobian[:, select]
         for _ in range(iterations):
-            jacobian, fresh = self._effect_jacobian(hypothesis, x, z, residual, scale, high), True
+            jacobian, fresh = self._effect_jacobian(hypothesis, x, z, residual, scale, high, select), True
             reach = 3.0 + np.abs(x - neutral) / np.maximum(scale, 1e-300)
-            dx, dz, _ = self.solve(
-                residual, jacobian, z, np.maximum((low - x) / scale, -reach), np.minimum((high - x) / scale, reach)
-            )
+            bounds = np.maximum((low - x) / scale, -reach), np.minimum((high - x) / scale, reach)
+            dx, dz, _ = self.solve(residual, jacobian, z, *bounds, select, self.jacobian)
             for t in _TRIALS:
                 point = np.clip(x + t * dx * scale, low, high), np.clip(z + t * dz, -BOX, BOX)
-                tried = self.replay(hypothesis, [point])[0]
-                new_cost = self._cost(tried, point[1])
+                tried = self.replay(hypothesis, [point], select)[0]
+                new_cost = self._cost(tried, point[1], select)
                 if new_cost < cost:
                     break
             else:
@@ -295,6 +321,9 @@ class Fitter:
             if gain < 0.2:
                 break
         self.jacobian = shared
+        if select is not None:
+            residual, fresh = self.replay(hypothesis, [(x, z)])[0], False
+            cost = self._cost(residual, z)
         if len(x) and not fresh:
             jacobian = self._effect_jacobian(hypothesis, x, z, residual, scale, high)
         return Fit(hypothesis, x, z, cost, residual, jacobian)
@@ -340,7 +369,14 @@ class Fitter:
         return fit
 
     def _effect_jacobian(
-        self, hypothesis: Hypothesis, x: Array, z: Array, residual: Array, scale: Array, high: Array
+        self,
+        hypothesis: Hypothesis,
+        x: Array,
+        z: Array,
+        residual: Array,
+        scale: Array,
+        high: Array,
+        select: Ints | None = None,
     ) -> Array:
         """By scaled parameter, (ne, nw, ns, nl)."""
         if not len(x):
@@ -350,7 +386,7 @@ class Fitter:
             moved = x.copy()
             moved[i] += s * scale[i]
             points.append((moved, z))
-        return (self.replay(hypothesis, points) - residual) / steps[:, None, None, None]
+        return (self.replay(hypothesis, points, select) - residual) / steps[:, None, None, None]
 
-    def _cost(self, residual: Array, z: Array) -> float:
-        return float(self.data_cost(self.mean_square(residual))) + 0.5 * float(z @ z)
+    def _cost(self, residual: Array, z: Array, select: Ints | None = None) -> float:
+        return float(self.data_cost(self.mean_square(residual, select), select)) + 0.5 * float(z @ z)

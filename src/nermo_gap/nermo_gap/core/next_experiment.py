@@ -27,6 +27,8 @@ RIVALS = 3
 """Hypotheses that are compared, the winner among them."""
 TRIED = 8
 """Experiments that are worked out in full: those on which the rivals as fitted differ most."""
+WORTH = 1.0
+"""[nats] An experiment that promises less settles nothing."""
 _MARGIN = 0.25
 """A simulated joint may leave its recorded range by this share of it."""
 _LEAN = 0.15
@@ -97,6 +99,8 @@ def propose(
     if not gains:
         return None
     gains.sort(key=lambda g: -g[0])
+    if gains[0][0] < WORTH:
+        return None
     rivals = [f.hypothesis.key for f in fits]
     return Proposal(gains[0][1], gains[0][0], rivals, [(e.name, g) for g, e in gains], dropped)
 

@@ -24,6 +24,8 @@ TILT = 0.008
 """[rad]"""
 TIMING = 0.25
 """Of a sample period plus a time step: neither stamps nor a coarse step against a continuous robot are better."""
+MEASURED_TIMING = 0.5
+"""The same for inputs that were measured: filters and a bus of their own lie between them and the outputs."""
 ZERO = 0.004
 """[rad or m] of a position sensor's zero, as a share of its range of motion where that is smaller."""
 INPUT_OFFSET = 0.03
@@ -49,7 +51,9 @@ def enumerate_nuisances(plant: Plant, output_swing: Array, input_size: Array, pe
     ``period`` [s] that of the samples.
     """
     model = plant.model
-    found = [Nuisance("timing of inputs", _timing(TIMING * (period + float(model.opt.timestep))))]
+    measured = all(c.measured or c.actuator < 0 for c in plant.inputs)
+    timing = (MEASURED_TIMING if measured else TIMING) * (period + float(model.opt.timestep))
+    found = [Nuisance("timing of inputs", _timing(timing))]
     bodies = moving_bodies(model)
     for group in [[b] for b in bodies] if len(bodies) <= _MANY else [bodies]:
         label = model.body(group[0]).name or f"body_{group[0]}" if len(group) == 1 else "all"

@@ -65,6 +65,57 @@ def _check_ranges(plant: Plant, aligned: Aligned) -> None:
                 f"({low:.3g} to {high:.3g}; median {np.median(values):.3g}): the unit in the map is wrong"
             )
 
+    _check_heights(plant, aligned)
+
+
+def _check_heights(plant: Plant, aligned: Aligned) -> None:
+    """A free body is recorded about as high as the model's reference pose has it, not a hundred times higher."""
+    model = plant.model
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    reference = plant.read(data.sensordata)
+    for i, channel in enumerate(plant.outputs):
+        if channel.sensor_type != mujoco.mjtSensor.mjSENS_FRAMEPOS or channel.component != 2 or not aligned.live[i]:
+            continue
+        height = float(np.median(aligned.outputs[aligned.valid[:, i], i]))
+        if min(height, reference[i]) <= 0:
+            continue
+        for label, ratio in _CONFUSIONS.items():
+            if ("unit" in label or "metres" in label) and abs(np.log(height / reference[i] / ratio)) < 0.7:
+                raise GapInputError(
+                    f"outputs: column {channel.column!r} lies at a height of {height:.3g} m where the model has "
+                    f"{reference[i]:.3g} m: its unit in the map is wrong (it looks like {label})"
+                )
+
+
+def check_replay(plant: Plant, measured: Array, replayed: Array) -> None:
+    """Compare changes within windows (nw, ns, no), measured and replayed by the nominal model, for mistaken units.
+
+    For channels that nothing else is compared with (inertial sensors, forces, bodies).
+
+    Raises:
+        GapInputError: a channel moves like the replayed one, times a factor between units that people confuse.
+    """
+    for i, channel in enumerate(plant.outputs):
+        if channel.wrapped or channel.qpos >= 0:
+            continue
+        a = replayed[..., i] - replayed[..., i].mean(axis=1, keepdims=True)
+        b = measured[..., i] - measured[..., i].mean(axis=1, keepdims=True)
+        whole = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+        a, b = a[whole].ravel(), b[whole].ravel()
+        power = float(np.linalg.norm(a) * np.linalg.norm(b))
+        if power <= 0 or float(a @ b) < 0.7 * power:
+            continue
+        slope = float(np.linalg.norm(b) / np.linalg.norm(a))
+        for label, ratio in _CONFUSIONS.items():
+            if abs(np.log(slope)) > 1.2 and abs(np.log(slope / ratio)) < 0.4:
+                raise GapInputError(
+                    f"outputs: column {channel.column!r} moves {slope:.3g} times as much as the model: "
+                    f"its unit in the map is wrong (it looks like {label})"
+                )
+
 
 def _check_rates(plant: Plant, aligned: Aligned) -> None:
     """A measured rate must be the slope of the measured position of the same coordinate."""

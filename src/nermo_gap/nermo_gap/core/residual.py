@@ -21,8 +21,10 @@ _START_SD = 2.0
 """Standard errors of the smoother understate how well a window's start is known: it also bends corners."""
 
 
-_KNOTS = 7
-"""An error of a measured input is a line through so many points of a window."""
+_KNOT = 0.03
+"""[s] An error of a measured input is a line through points of this distance: short against what it moves."""
+_WANDER = 0.1
+"""[s] over which the slow part of that error stays about the same."""
 _INPUT_ERRORS = (0.005, 0.01, 0.02, 0.05)
 """Sizes of that error, in root mean squares of the input, of which the likeliest is taken. Torques that are computed
 from a motor's current ripple by several per cent; what is larger than that is for an effect to explain."""
@@ -114,12 +116,10 @@ class Residuals:
         )
         raw = self.raw(outputs.reshape(count, nw, *outputs.shape[1:])).reshape(count, nw, -1)
         start = np.moveaxis(raw[1:] - raw[0], 0, -1)
-        white, wander = self._input_responses(reference, raw[0])
+        white, slow = self._input_responses(reference, raw[0])
         tried = []
         for level in _INPUT_ERRORS if white.shape[-1] else (0.0,):
-            # Both errors live on the same points of a window: their variances add.
-            inputs = white * np.sqrt(1.0 + (level * wander) ** 2)
-            basis, scale, _ = np.linalg.svd(np.concatenate([start, inputs], axis=-1), full_matrices=False)
+            basis, scale, _ = np.linalg.svd(np.concatenate([start, white, level * slow], -1), full_matrices=False)
             amounts = np.einsum("wmk,wm->wk", basis, raw[0])
             fit = (raw[0] ** 2).sum() - (amounts**2 * scale**2 / (1.0 + scale**2)).sum()
             tried.append((fit + np.log1p(scale**2).sum(), level, basis, scale))
@@ -127,31 +127,35 @@ class Residuals:
         self._shrink = 1.0 - 1.0 / np.sqrt(1.0 + scale**2)
 
     def _input_responses(self, reference: Variant, base: Array) -> tuple[Array, Array]:
-        """Responses (nw, m, k) to white noise of measured inputs at points of a window, and their size in it (k,).
-
-        The size of an input is its root mean square.
-        """
+        """Responses (nw, m, k) to errors of measured inputs: white noise, and a wander of their root mean square."""
         aligned, windows, plant = self.replayer.aligned, self.replayer.windows, self.replayer.plant
         measured = [i for i, c in enumerate(plant.inputs) if c.measured or c.actuator < 0]
         if not measured:
-            return np.zeros((*base.shape, 0)), np.zeros(0)
-        spacing = windows.length / (_KNOTS - 1)
-        distance = np.abs(np.arange(windows.length)[:, None] / spacing - np.arange(_KNOTS))
-        hats = np.maximum(1.0 - distance, 0.0)
+            return np.zeros((*base.shape, 0)), np.zeros((*base.shape, 0))
         rows = windows.start[:, None] + np.arange(windows.length)
         size = np.sqrt((aligned.inputs**2).mean(axis=0))
-        # A point stands for ``spacing`` samples, whose noise averages out.
-        noise = np.maximum(input_noise(aligned) / np.sqrt(spacing), 1e-4 * size)
-        variants, ratio = [], []
+        noise = np.maximum(input_noise(aligned), 1e-4 * size)
+        count = max(round(windows.length * aligned.period / _KNOT), 2) + 1
+        spacing = windows.length / (count - 1)
+        hats = np.maximum(1.0 - np.abs(np.arange(windows.length)[:, None] / spacing - np.arange(count)), 0.0)
+        variants = []
         for i in measured:
-            for k in range(_KNOTS):
+            for k in range(count):
                 variant = reference.copy()
                 variant.inputs.added = np.zeros_like(aligned.inputs)
-                variant.inputs.added[rows, i] = noise[i] * hats[:, k]
+                # A point stands for ``spacing`` samples, whose noise averages out.
+                variant.inputs.added[rows, i] = noise[i] / np.sqrt(max(spacing, 1.0)) * hats[:, k]
                 variants.append(variant)
-                ratio.append(float(size[i] / max(noise[i], 1e-300)))
         raw = self.raw(self.replayer.run(variants)).reshape(len(variants), *base.shape)
-        return np.moveaxis(raw - base, 0, -1), np.array(ratio)
+        white = np.moveaxis(raw - base, 0, -1)
+        # The wander has fewer points; each moves its neighbours with it.
+        wide = max(round(windows.length * aligned.period / _WANDER), 2) + 1
+        mix = np.maximum(1.0 - np.abs(np.linspace(0, wide - 1, count)[:, None] - np.arange(wide)), 0.0)
+        parts = []
+        for n, i in enumerate(measured):
+            unit = white[..., n * count : (n + 1) * count] * (size[i] / (noise[i] / np.sqrt(max(spacing, 1.0))))
+            parts.append(unit @ mix)
+        return white, np.concatenate(parts, axis=-1)
 
     def _quaternions(self) -> list[list[int]]:
         """Positions (among the live outputs) of complete quaternions."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from nermo_gap.core.effects.base import Effect
 from nermo_gap.core.effects.growing import MIN_DURATION, Growing
 from nermo_gap.core.fit import Fit, Fitter, Hypothesis
-from nermo_gap.core.screen import Screened, screen
+from nermo_gap.core.screen import Screened, informative_windows, screen
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -25,6 +25,8 @@ RELEVANT = 0.10
 """An effect must take at least this share of the gap (or as much strain off the priors as EVIDENCE)."""
 SURVIVORS = 10
 FINALISTS = 5
+FIT_WINDOWS = 30
+"""Windows in which candidates are fitted; they are scored, and the leaders refitted, in all."""
 PARTNERS = 6
 HOPELESS = 60.0
 """[nats] Behind the best in sample by more than this, a candidate is not refitted."""
@@ -160,10 +162,12 @@ class Selector:
         self, jobs: Sequence[tuple[Hypothesis, Screened]], label: str, base: Fit | None = None
     ) -> list[Scored]:
         fits = []
+        assert self.fitter.nominal is not None
+        select = informative_windows(self.fitter, self.fitter.nominal if base is None else base, FIT_WINDOWS)
         for i, (hypothesis, start) in enumerate(jobs):
             self._say(label, i / len(jobs))
             x = start.x if base is None else np.concatenate([base.x, start.x])
-            fits.append(self.fitter.fit(hypothesis, x, start.z))
+            fits.append(self.fitter.fit(hypothesis, x, start.z, select=select))
         fits.sort(key=lambda f: f.cost)
         for i, fit in enumerate(fits):
             # Whoever loses in sample by far need not be scored held out: in sample flatters.

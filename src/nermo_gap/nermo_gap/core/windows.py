@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,8 +20,12 @@ WARM_UP = 0.15
 FOLDS = 3
 _WINDOWS_PER_BLOCK = 3
 _MAX_SAMPLES = 120
-MAX_WINDOWS = 90
-"""More are thinned out by whole blocks: 54 s of scored motion say what a long recording has to say."""
+MAX_WINDOWS = 60
+"""More are thinned out by whole blocks: 36 s of scored motion say what a long recording has to say."""
+MIN_WINDOWS = 36
+"""What a slow model gets at least."""
+_LIGHT = 8
+"""Degrees of freedom up to which a model gets all of them."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,12 @@ class Windows:
         return rows
 
 
-def cut(aligned: Aligned, horizon: float = HORIZON, warm_up: float = WARM_UP) -> Windows:
+def affordable(model: mujoco.MjModel) -> int:
+    """How many windows a model is worth: one with many degrees of freedom is slower, and says more in each."""
+    return int(np.clip(MAX_WINDOWS * _LIGHT / max(model.nv, 1), MIN_WINDOWS, MAX_WINDOWS))
+
+
+def cut(aligned: Aligned, horizon: float = HORIZON, warm_up: float = WARM_UP, most: int = MAX_WINDOWS) -> Windows:
     """Tile every run with windows and deal its blocks to folds.
 
     Where the recording names runs to be held out, these are the one fold and all others are only fitted. Otherwise
@@ -86,9 +96,9 @@ def cut(aligned: Aligned, horizon: float = HORIZON, warm_up: float = WARM_UP) ->
             blocks.append(number)
             folds.append((0 if held else -1) if aligned.held_out else number % FOLDS)
             position, inside = position + length, inside + 1
-    if len(starts) > MAX_WINDOWS:
+    if len(starts) > most:
         numbers = sorted(set(blocks))
-        count = max(int(len(numbers) * MAX_WINDOWS / len(starts)), 2)
+        count = max(int(len(numbers) * most / len(starts)), 2)
         kept = {numbers[i] for i in np.linspace(0, len(numbers) - 1, count).round().astype(int)}
         keep = [i for i, b in enumerate(blocks) if b in kept]
         starts, blocks, folds = ([values[i] for i in keep] for values in (starts, blocks, folds))
