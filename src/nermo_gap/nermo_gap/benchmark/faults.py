@@ -139,6 +139,11 @@ def _torque_limit(truth: Truth, actuator: str, size: float) -> float:
     return float(truth.limit[index])
 
 
+def _loss(truth: Truth, _: str, size: float) -> float:
+    truth.lose = size
+    return size
+
+
 def _sensor(make: Callable[[float], Callable[[Array, Array], Array]]) -> Inject:
     def inject(truth: Truth, sensor: str, size: float) -> float:
         truth.sensors[int(sensor)] = make(size)
@@ -163,6 +168,8 @@ FAULTS: tuple[Fault, ...] = (
     Fault("servo_offset", "servo", (0.02, 0.05, 0.12), _actuator("offset")),
     Fault("servo_rate_limit", "servo", (2.6, 1.8, 1.1), _actuator("rate")),
     Fault("servo_torque_limit", "servo", (0.3, 0.2, 0.12), _torque_limit),
+    Fault("link_latency", "link", (0.006, 0.015, 0.04), _actuator("delay")),
+    Fault("link_loss", "link", (0.3, 0.55, 0.8), _loss),
     Fault("sensor_bias", "sensor", (0.02, 0.05, 0.12), _sensor(lambda s: lambda t, y: y + s)),
     Fault("sensor_scale", "sensor", (1.05, 1.12, 1.3), _sensor(lambda s: lambda t, y: s * y)),
     Fault("sensor_delay", "sensor", (0.006, 0.015, 0.04), _sensor(lambda s: lambda t, y: np.interp(t - s, t, y))),

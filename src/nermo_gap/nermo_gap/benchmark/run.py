@@ -32,18 +32,18 @@ Array = NDArray[np.float64]
 LAYOUT: dict[str, dict[str, Any]] = {
     "pendulum": {
         "joint": ["hinge"], "body": ["link"], "actuator": ["servo"], "servo": ["servo"], "play": [("hinge", "servo")],
-        "read": [("joint", "hinge")], "sensor": ["angle"], "inputs": ["u"],
+        "read": [("joint", "hinge")], "sensor": ["angle"], "inputs": ["u"], "link": [],
     },
     "cart_pole": {
         "joint": ["slide", "swing"], "body": ["cart", "pole"], "actuator": ["push"], "servo": [], "play": [],
-        "read": [("joint", "slide"), ("joint", "swing")], "sensor": ["slide", "swing"], "inputs": ["f"],
+        "read": [("joint", "slide"), ("joint", "swing")], "sensor": ["slide", "swing"], "inputs": ["f"], "link": [],
     },
     "arm": {
         "joint": ["shoulder", "elbow"], "body": ["upper", "fore"], "actuator": ["shoulder_servo", "elbow_servo"],
         "servo": ["shoulder_servo", "elbow_servo"],
         "play": [("shoulder", "shoulder_servo"), ("elbow", "elbow_servo")],
         "read": [("joint", "shoulder"), ("joint", "elbow")], "sensor": ["shoulder_pos", "elbow_pos"],
-        "inputs": ["u0", "u1"],
+        "inputs": ["u0", "u1"], "link": ["all"],
     },
 }  # fmt: skip
 

@@ -65,10 +65,10 @@ def confusion(fitter: Fitter, fits: Sequence[Fit], seed: int = 0) -> dict[str, A
     select = informative_windows(fitter, fits[0], 30)
     left = fits[0].residual[select].astype(float)
     root = np.sqrt(fitter.weights(fitter.mean_square(left, select), select))[:, None, :]
-    shared = (fitter.jacobian[:, select] * root).reshape(len(fitter.jacobian), -1).astype(float)
+    shared = (fitter.jacobian[:, select] * root).reshape(len(fitter.jacobian), left.size).astype(float)
     solvers = []
     for fit in fits:
-        own = (fit.effect_jacobian[:, select] * root).reshape(len(fit.effect_jacobian), -1)
+        own = (fit.effect_jacobian[:, select] * root).reshape(len(fit.effect_jacobian), left.size)
         stacked = np.concatenate([own, shared])
         prior = np.concatenate([np.full(len(own), 1e-6), np.ones(len(shared))])
         pull = np.concatenate([np.zeros(len(own)), fit.z])

@@ -59,7 +59,8 @@ def enumerate_nuisances(plant: Plant, output_swing: Array, input_size: Array, pe
         label = model.body(group[0]).name or f"body_{group[0]}" if len(group) == 1 else "all"
         found.append(Nuisance(f"mass {label}", _mass(group)))
         if len(group) == 1:
-            size = gyration(model, group[0])
+            # How far the mass lies from where the body hangs is no better known than how far it spreads.
+            size = float(np.hypot(gyration(model, group[0]), 0.5 * np.linalg.norm(model.body_ipos[group[0]])))
             found += [Nuisance(f"com {label} {a}", _com(group[0], i, COM * size)) for i, a in enumerate("xyz")]
             found.append(Nuisance(f"inertia {label}", _field("body_inertia", group, INERTIA)))
     for field, label, sd in (

@@ -23,6 +23,8 @@ EVIDENCE = 4.0
 """An effect must earn this many nats beyond the price of having looked at many candidates (the log of their number)."""
 RELEVANT = 0.10
 """An effect must take at least this share of the gap (or as much strain off the priors as EVIDENCE)."""
+TIE = 0.5
+"""[nats] Closer than this, two hypotheses predict the same."""
 SURVIVORS = 10
 FINALISTS = 5
 FIT_WINDOWS = 30
@@ -70,6 +72,12 @@ class Selection:
 
 def _score(scored: Scored) -> float:
     return scored.score
+
+
+def _extremity(fit: Fit) -> float:
+    """How far the parameters of a fit are from neutral, in their scales; the largest counts."""
+    away = np.abs(fit.x - fit.hypothesis.vector("neutral")) / np.maximum(fit.hypothesis.vector("scale"), 1e-300)
+    return float(away.max(initial=0.0))
 
 
 class Selector:
@@ -206,6 +214,11 @@ class Selector:
             gain = self.costs(rival.fit) - self.costs(best.fit)
             simpler = rival.fit.hypothesis.size < chosen.fit.hypothesis.size
             if simpler and gain[0] <= float(gain[1:].std()) + PER_PARAMETER:
+                chosen = rival
+        # Names for the same change: the one that has to be less extreme.
+        for rival in scored[1:FINALISTS]:
+            same = rival.fit.hypothesis.size == chosen.fit.hypothesis.size and rival.score < chosen.score + TIE
+            if same and _extremity(rival.fit) < 0.7 * _extremity(chosen.fit):
                 chosen = rival
         return chosen
 
