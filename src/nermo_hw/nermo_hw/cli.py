@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from nermo_description.parameters import RobotParameters
 from nermo_description.results import CommandError, write_results
 
 # Files and pipes have no width; the tables need one.
@@ -91,6 +92,147 @@ def emulate(
     places += [f"socket://{settings.tcp_host}:{emulator.port}"] if tcp_port >= 0 else []
     print(f"an emulated {robot} is at {' and '.join(places)}", flush=True)
     emulator.run()
+
+
+@hw_app.command("scan")
+def scan(
+    port: Annotated[list[str] | None, typer.Option(help="Look here too; may be given several times.")] = None,
+    timeout: Annotated[float, typer.Option(min=0.001, max=10.0, help="For each answer [s].")] = 0.1,
+    json: Json = None,
+) -> None:
+    """Look at every serial port for a Nermo: its boards and versions. Nothing moves.
+
+    Exit status 1 if nobody answers anywhere.
+
+    \b
+    nermo hw scan
+    nermo hw scan --port socket://192.168.4.1:3333
+    """
+    from nermo_hw.monitor import scan as scan_ports
+    from nermo_hw.monitor import scan_table, serial_ports
+
+    names = [*serial_ports(), *(port or [])]
+    if not names:
+        raise CommandError("this machine has no serial port; is the cable in? --port looks elsewhere.")
+    rows = scan_ports(names, _robot("nermo"), timeout)
+    _console.print(scan_table(rows))
+    if json is not None:
+        write_results(json, "hw-scan", {"rows": rows})
+    if all(row["error"] is not None for row in rows):
+        raise CommandError("no Nermo was found.")
+
+
+@hw_app.command("calibrate")
+def calibrate(
+    port: Port,
+    out: Annotated[Path, typer.Option(help="Calibration file to write; what it has and is not found anew stays.")],
+    robot: Robot = "nermo_lite",
+    posture: Annotated[str, typer.Option(help="Posture in which the robot is held for the zeros.")] = "stand",
+    directions: Annotated[bool, typer.Option("--directions", help="Find the servos' directions too.")] = False,
+    knees: Annotated[bool, typer.Option("--knees", help="Find the knee encoders' zeros too.")] = False,
+    timeout: Annotated[float, typer.Option(min=1.0, max=3600.0, help="For each step [s].")] = 60.0,
+) -> None:
+    """Find zero positions and directions of the servos, moved by hand; all servos are limp.
+
+    Nothing is asked: what the hands do is the answer. The driver takes the file as its parameter `calibration`.
+
+    \b
+    nermo hw calibrate --port /dev/ttyUSB0 --out mouse.yaml --directions --knees
+    nermo up --target serial port:=/dev/ttyUSB0 calibration:=$PWD/mouse.yaml
+    """
+    from nermo_description.parameter_files import ParameterError
+    from nermo_hw.serial.calibrate import CalibrationError
+    from nermo_hw.serial.calibrate import calibrate as run_calibration
+    from nermo_hw.serial.calibration import load_calibration, save_calibration
+    from nermo_hw.serial.driver import Driver
+    from nermo_hw.types import LineError
+
+    parameters = _robot(robot)
+    if posture not in parameters.postures:
+        raise CommandError(f"--posture {posture} is not one of: {', '.join(parameters.postures)}.", status=2)
+    try:
+        before = load_calibration(out, parameters) if out.exists() else None
+        with Driver(parameters, port) as driver:
+            found = run_calibration(
+                driver,
+                posture,
+                before,
+                lambda line: print(line, flush=True),
+                directions=directions,
+                knees=knees,
+                timeout=timeout,
+            )
+        save_calibration(found, out)
+    except ParameterError as error:
+        raise CommandError(str(error), status=2) from error
+    except (CalibrationError, LineError) as error:
+        raise CommandError(f"{error}; nothing was written.") from error
+    table = Table("servo", "zero [rad]", "direction")
+    for name, mounting in found.servos.items():
+        table.add_row(name, f"{mounting.zero:+.4f}", f"{mounting.direction:+d}")
+    for leg, mounting in found.knee_encoders.items():
+        table.add_row(f"{leg} knee encoder", f"{mounting.zero:+.4f}", f"{mounting.direction:+d}")
+    _console.print(table)
+    print(f"written to {out}")
+
+
+@hw_app.command("monitor")
+def monitor(
+    port: Port,
+    robot: Robot = "nermo_lite",
+    calibration: Annotated[Path | None, typer.Option(help="Calibration file.")] = None,
+    once: Annotated[bool, typer.Option("--once", help="Show one sample and end.")] = False,
+    json: Json = None,
+) -> None:
+    """Show what the robot's sensors say, live, until Ctrl-C. The servos are limp; `serial_driver` must not run.
+
+    \b
+    nermo hw monitor --port usb:0403:6010 --robot nermo
+    nermo hw monitor --port /tmp/mouse --once --json now.json
+    """
+    import numpy as np
+    from rich.live import Live
+
+    from nermo_description.parameter_files import ParameterError
+    from nermo_hw.monitor import monitor_view, sample_facts
+    from nermo_hw.serial.calibration import load_calibration
+    from nermo_hw.serial.driver import Driver
+    from nermo_hw.serial.schedule import FixedStepSchedule
+    from nermo_hw.types import LineError, ServoTargets, SilentLineError
+
+    parameters = _robot(robot)
+    try:
+        mounted = load_calibration(calibration, parameters) if calibration is not None else None
+    except ParameterError as error:
+        raise CommandError(str(error), status=2) from error
+    limp = ServoTargets(np.zeros(len(parameters.servos)), energised=False)
+    facts: dict[str, Any] = {}
+    try:
+        with (
+            Driver(parameters, port, calibration=mounted) as driver,
+            Live(console=_console, refresh_per_second=10, transient=False) as live,
+        ):
+            schedule = FixedStepSchedule(0.1)
+            while not (facts and once):
+                schedule.wait()
+                with contextlib.suppress(SilentLineError):
+                    facts = sample_facts(driver.names, driver.exchange(limp), driver.counters)
+                    live.update(monitor_view(facts, parameters))
+    except KeyboardInterrupt:
+        pass
+    except LineError as error:
+        raise CommandError(f"{error}.") from error
+    if json is not None:
+        write_results(json, "hw-monitor", facts, robot=robot)
+
+
+def _robot(name: str) -> RobotParameters:
+    from nermo_description.robots import ParameterError, load_robot
+
+    try:
+        return load_robot(name)
+    except ParameterError as error:
+        raise CommandError(str(error), status=2) from error
 
 
 @bench_app.command("serial")

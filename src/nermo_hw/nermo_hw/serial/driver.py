@@ -108,8 +108,10 @@ class Driver:
         """Whether the port is open; whether somebody answers is another question."""
         return self._line.is_open
 
-    def open(self) -> DeviceIdentity:
+    def open(self, set_up: bool = True) -> DeviceIdentity:
         """Opens the port, looks who is there and sets the boards up. The servos stay as they are.
+
+        set_up: False changes nothing on the boards.
 
         Raises LineError where the port cannot be opened, nobody answers, or a board is of another protocol.
         """
@@ -119,7 +121,8 @@ class Driver:
         self._body_answer = None
         try:
             identity = self.identify()
-            self._set_up()
+            if set_up:
+                self._set_up()
         except LineError:
             self.close()
             raise
