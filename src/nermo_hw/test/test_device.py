@@ -239,6 +239,20 @@ def test_errors_come_back_by_name(host):
     ]
 
 
+def test_a_board_gets_another_id_and_two_with_the_same_speak_at_once(host):
+    old, new = (SERVO_BOARD, 4), (SERVO_BOARD, 9)
+    (answer,) = host.transfer(Packet(*old, Instruction.SET, b"\x01\x09"))
+    assert (answer.code, answer.address) == (Status.OK, old)
+    host.device.brown_out()
+    host.now += 400 * MS
+    assert host.read(new, 0x01, "<B") == 9
+    (answer,) = host.transfer(Packet(*old, Instruction.GET, b"\x01"))
+    assert answer.code == Status.NO_ANSWER
+    host.transfer(Packet(*new, Instruction.SET, b"\x01\x03"))
+    (answer,) = host.transfer(Packet(SERVO_BOARD, 3, Instruction.GET, b"\x01"))
+    assert answer.code == Status.DAMAGED_ANSWER
+
+
 def test_a_transfer_cut_off_does_not_swallow_the_next(host):
     whole = Packet(SERVO_BOARD, 1, Instruction.GET, b"\x00").encode()
     host.device.receive(whole[:4], host.now)

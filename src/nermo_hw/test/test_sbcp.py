@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nermo_hw.sbcp import boards
+from nermo_hw.sbcp import boards, data_sheet
 from nermo_hw.sbcp.packet import HEADER, MAX_PAYLOAD, OVERHEAD, DeviceClass, Packet, Status, checksum, status_name
 from nermo_hw.sbcp.parser import Parser
 from nermo_hw.sbcp.registers import Kind, RegisterError, RegisterTable
@@ -184,3 +185,12 @@ def test_equation_5_1_with_the_numbers_of_the_thesis():
 def test_the_checksum_leaves_the_header_out():
     body = Packet(DeviceClass.SERVO_BOARD, 4, 0x10, b"xyz").encode()[1:-1]
     assert checksum(body) == sum(body) % 256
+
+
+def test_the_data_sheet_says_what_the_code_does():
+    page = (Path(__file__).parents[3] / "docs" / "sbcp.md").read_text(encoding="utf-8")
+    for title, table in data_sheet.tables().items():
+        assert table in page, f"{title}: python -m nermo_hw.sbcp.data_sheet"
+    assert f"request ({boards.SERVO_REQUEST_SIZE} bytes)" in page
+    assert f"answer ({boards.SERVO_ANSWER_SIZE} bytes)" in page
+    assert f"answer ({boards.BODY_ANSWER_SIZE} bytes)" in page

@@ -41,13 +41,18 @@ class Board:
     """
 
     def __init__(self, address: tuple[int, int], serial_number: int, ppm: float, stored: Mapping[str, Value]) -> None:
-        self.address = address
+        self.device_class = address[0]
         self.clock = BoardClock(ppm)
-        self.registers = RegisterTable(boards.REGISTERS[address[0]], stored)
+        self.registers = RegisterTable(boards.REGISTERS[address[0]], {"device_id": address[1], **stored})
         self._serial_number = serial_number
         self.faults = Fault.RESTARTED
         self._deaf_until = 0
         self._on_start()
+
+    @property
+    def address(self) -> tuple[int, int]:
+        """Class and present ID."""
+        return self.device_class, self.registers.number("device_id")
 
     def restart(self, now: int, boot_time_ns: int) -> None:
         """As after the power was gone."""
@@ -62,21 +67,21 @@ class Board:
         return now >= self._deaf_until
 
     def handle(self, packet: Packet, now: int) -> Packet:
-        """The answer to a packet."""
+        """The answer to a packet, from the address that it was sent to."""
         try:
             payload = self._do(packet, now)
         except RegisterError as error:
-            return Packet(*self.address, error.status)
+            return Packet(*packet.address, error.status)
         except (struct.error, IndexError):
-            return Packet(*self.address, Status.WRONG_SIZE)
-        return Packet(*self.address, Status.OK, payload)
+            return Packet(*packet.address, Status.WRONG_SIZE)
+        return Packet(*packet.address, Status.OK, payload)
 
     def acknowledge(self) -> None:
         """Forgets latched faults."""
         self.faults &= Fault.UNDER_VOLTAGE | Fault.SILENT_SERVO
 
     def _on_start(self) -> None:
-        self.registers["device_class"], self.registers["device_id"] = self.address
+        self.registers["device_class"] = self.device_class
         self.registers["serial_number"] = self._serial_number
 
     def _do(self, packet: Packet, now: int) -> bytes:

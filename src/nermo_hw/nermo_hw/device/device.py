@@ -153,9 +153,9 @@ class Device:
             ppm=self._ppm(),
             stored={"robot": robot.name[:16], **kept.get(board_name(BODY_BOARD), {})},
         )
-        self.boards: dict[tuple[int, int], Board] = {
-            board.address: board for board in (self.controller, *self.servo_boards, self.body)
-        }
+        # By the address that each had when it was built in; it may have been given another since.
+        built_in = (self.controller, *self.servo_boards, self.body)
+        self.boards: dict[tuple[int, int], Board] = {board.address: board for board in built_in}
         for board in self.boards.values():
             board.restart(now, 0)
 
@@ -347,11 +347,19 @@ class Device:
     def _answer(self, packet: Packet, now: int, targets: Array) -> Packet:
         if packet.address == BUS_CONTROLLER:
             return self.controller.handle(packet, now)
-        board, table = self.boards.get(packet.address), self.controller.registers
+        table = self.controller.registers
         table["forwarded"] = (table.number("forwarded") + 1) & 0xFFFFFFFF
-        if board is None or not board.hears(now) or board_name(packet.address) in self._silent_boards:
+        there = [
+            board
+            for place, board in self.boards.items()
+            if board.address == packet.address and board.hears(now) and board_name(place) not in self._silent_boards
+        ]
+        if not there:
             table["unanswered"] = (table.number("unanswered") + 1) & 0xFFFFFFFF
             return Packet(*packet.address, Status.NO_ANSWER)
+        if len(there) > 1:  # both speak at once (C 5.3.1.3)
+            return Packet(*packet.address, Status.DAMAGED_ANSWER)
+        (board,) = there
         answer = board.handle(packet, now)
         if self.trace and isinstance(board, ServoBoard) and answer.code == Status.OK:
             self._note(packet, board, targets)

@@ -64,7 +64,16 @@ VOLTAGE = 1e-3
 
 STANDARD = (
     Register(0x00, "device_class", Kind.U8, Access.READ_ONLY, "kind of device, first half of its address"),
-    Register(0x01, "device_id", Kind.U8, Access.STORED, "second half of its address", default=1, lower=1, upper=254),
+    Register(
+        0x01,
+        "device_id",
+        Kind.U8,
+        Access.STORED,
+        "second half of its address, from the next packet on",
+        default=1,
+        lower=1,
+        upper=254,
+    ),
     Register(
         0x02, "protocol_version", Kind.U16, Access.READ_ONLY, "major and minor, a byte each", default=PROTOCOL_VERSION
     ),
