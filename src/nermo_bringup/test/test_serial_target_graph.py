@@ -13,6 +13,7 @@ from sensor_msgs.msg import BatteryState, Imu, JointState
 from nermo_description.parameters import LEGS
 from nermo_description.robots import load_robot
 from nermo_hw.device.emulator import Control, control_path
+from nermo_hw.nodes.serial_driver import SerialDriverParameters
 from nermo_interfaces.msg import ControlCommand, ServoCommand, ServoStates, Tactile
 from nermo_node import qos
 
@@ -140,17 +141,23 @@ def test_a_driver_without_a_device_says_so_and_waits_for_it(graph, tmp_path):
     assert "Traceback" not in output
 
 
+def test_a_calibration_that_cannot_be_read_ends_the_driver_with_a_sentence(graph):
+    process = graph.start("nermo_hw.nodes.serial_driver", *graph.parameters(calibration="/no/such/file.yaml"))
+    output, _ = process.communicate(timeout=60.0)
+    assert process.returncode == 2
+    assert "/no/such/file.yaml" in output
+    assert "Traceback" not in output
+
+
 @pytest.mark.parametrize(
     ("parameters", "text"),
     [
-        ({"cycle_rate": 300.0}, "cycle_rate"),
+        ({"cycle_rate": 300.0}, "cycle_rate = 300.0 Hz does not go with control_rate"),
+        ({"cycle_rate": 100.0}, "cycle_rate"),
+        ({"joint_rate": 30.0}, "joint_rate = 30.0 Hz"),
         ({"control_rate": 190.0}, "whole milliseconds"),
-        ({"calibration": "/no/such/file.yaml"}, "/no/such/file.yaml"),
     ],
 )
-def test_parameters_that_do_not_fit_end_the_driver_with_a_sentence(graph, parameters, text):
-    process = graph.start("nermo_hw.nodes.serial_driver", *graph.parameters(**parameters))
-    output, _ = process.communicate(timeout=60.0)
-    assert process.returncode == 2
-    assert text in output
-    assert "Traceback" not in output
+def test_rates_that_do_not_go_together_are_refused(parameters, text):
+    with pytest.raises(ValueError, match=text):
+        SerialDriverParameters(**parameters)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import random
 import struct
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from nermo_description.robots import load_robot
 from nermo_hw.device.device import Device, DeviceSettings
@@ -258,6 +261,21 @@ def test_a_transfer_cut_off_does_not_swallow_the_next(host):
     host.device.receive(whole[:4], host.now)
     host.now += 10 * MS
     assert [answer.payload for answer in host.transfer(Packet(SERVO_BOARD, 1, Instruction.GET, b"\x00"))] == [b"\x02"]
+
+
+@given(st.integers(0, 2**32), st.integers(1, 300))
+@settings(max_examples=20)
+def test_no_garbage_from_the_host_breaks_the_device(seed, chunk):
+    host, dice = Host(), random.Random(seed)
+    stream = b"".join(
+        dice.choice((dice.randbytes(dice.randrange(1, 60)), Packet(SERVO_BOARD, 1, 0x10, dice.randbytes(10)).encode()))
+        for _ in range(40)
+    )
+    for at in range(0, len(stream), chunk):
+        host.device.receive(stream[at : at + chunk], host.now)
+        host.now += dice.randrange(3) * MS
+    assert host.device.collect(host.now + MS)
+    assert host.exchange()
 
 
 def test_the_trace_tells_what_the_boards_took(host):
