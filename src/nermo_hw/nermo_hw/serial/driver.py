@@ -16,7 +16,7 @@ from nermo_hw.sbcp.packet import DeviceClass, Instruction, Packet, Status
 from nermo_hw.sbcp.plausible import plausible_answer
 from nermo_hw.sbcp.registers import Register, Value
 from nermo_hw.serial.calibration import Calibration, Mountings
-from nermo_hw.serial.line import Address, Line
+from nermo_hw.serial.line import UNANSWERED, Address, Line
 from nermo_hw.types import (
     LATCHED,
     DeviceIdentity,
@@ -153,7 +153,7 @@ class Driver:
         packets = self._exchange_packets(targets)
         self.counters.exchanges += 1
         answers = self._line.transfer(packets, self._take_exchange)
-        if not answers:
+        if all(answer.code in UNANSWERED for answer in answers.values()):
             raise SilentLineError(f"port {self.port_name}: no board answered within {self._line.timeout * 1e3:g} ms")
         self._acknowledge = False
         return self._sample(stamp, answers)
@@ -173,6 +173,8 @@ class Driver:
             try:
                 version = int(self.read(address, "protocol_version"))
             except SilentLineError:
+                if address == BUS_CONTROLLER:  # it would speak for the others
+                    break
                 continue
             if version >> 8 != boards.PROTOCOL_VERSION >> 8:
                 raise LineError(

@@ -19,7 +19,11 @@ Address = tuple[int, int]
 LARGEST_OVERTIME = 1.0
 """A line that never ends to babble is given up after this time [s]."""
 ATTEMPTS = 3
-"""How often a register is asked for before the line counts as silent."""
+"""How often a register is asked for, at least, before its board counts as silent."""
+ASK_FOR = 0.5
+"""Where not even the bus controller says anything, asking goes on for so long [s]: one of the two may be busy."""
+UNANSWERED = (Status.NO_ANSWER, Status.DAMAGED_ANSWER)
+"""What the bus controller says in the name of a board."""
 
 
 class Line:
@@ -57,7 +61,9 @@ class Line:
     def transfer(self, packets: list[Packet], take: Callable[[Packet], bool]) -> dict[Address, Packet]:
         """Sends packets together and collects one answer each, until all are there or the time is over.
 
-        take: whether a packet is an answer to this transfer. Raises LineLostError where the port is gone.
+        take: whether a packet is an answer to this transfer; what the bus controller says for a silent board is one.
+
+        Raises LineLostError where the port is gone.
         """
         if self._port is None:
             raise LineLostError(f"port {self.name} is not open")
@@ -91,9 +97,10 @@ class Line:
         take: Callable[[Packet], bool],
     ) -> None:
         for packet in packets:
-            if packet.code in (Status.NO_ANSWER, Status.DAMAGED_ANSWER):
+            if packet.code in UNANSWERED:
                 if packet.address in waiting:
                     waiting.discard(packet.address)
+                    answers[packet.address] = packet
                     self.counters.lost += 1
             elif packet.address not in waiting or not take(packet):
                 self.counters.late += 1
@@ -114,14 +121,19 @@ class Line:
         def answers_this(answer: Packet) -> bool:
             return answer.code != Status.OK or len(answer.payload) == size
 
-        for _ in range(ATTEMPTS):
+        attempts, until = 0, time.monotonic() + ASK_FOR
+        spoken_for = False
+        while attempts < ATTEMPTS or (not spoken_for and time.monotonic() < until):
+            attempts += 1
             answer = self.transfer([packet], answers_this).get(packet.address)
-            if answer is not None:
-                if answer.code != Status.OK:
-                    self.counters.refused += 1
-                    raise LineError(
-                        f"port {self.name}: {board_name(packet.address)} refused "
-                        f"{Instruction(packet.code).name}: {status_name(answer.code)}"
-                    )
-                return answer
+            spoken_for = answer is not None
+            if answer is None or answer.code in UNANSWERED:
+                continue
+            if answer.code != Status.OK:
+                self.counters.refused += 1
+                raise LineError(
+                    f"port {self.name}: {board_name(packet.address)} refused "
+                    f"{Instruction(packet.code).name}: {status_name(answer.code)}"
+                )
+            return answer
         raise SilentLineError(f"port {self.name}: {board_name(packet.address)} does not answer")
