@@ -131,7 +131,10 @@ for word in (demo, play, replay, repair):
 # imported when they are called.
 _WORDS = {
     "experiment": ("nermo_sim.cli:experiment_app", "Run an experiment of the theses; its table stands beside theirs."),
-    "bench": ("nermo_sim.cli:bench_app", "Measure how fast things are: tick, loop, graph, sensors, serial, link."),
+    "bench": (
+        "nermo_sim.cli:bench_app",
+        "Measure how fast things are: tick, loop, graph, sensors, serial, link, faults.",
+    ),
     "optimize": ("nermo_sim.cli:optimize_app", "Search for better parameters."),
     "sensors": ("nermo_sensors.cli:sensors_app", "Calibrate and judge tactile sensors."),
     "hw": ("nermo_hw.cli:hw_app", "The real robot: look at it, emulate it, test its lines."),
@@ -140,7 +143,7 @@ _WORDS = {
 
 
 # Things whose bench lives in another package than the others'.
-_BENCHES = {"serial": "nermo_hw.cli:bench_app", "link": "nermo_hw.cli:bench_app"}
+_BENCHES = dict.fromkeys(("serial", "link", "faults"), "nermo_hw.cli:bench_app")
 
 
 def _offer_word(word: str, place: str, help_text: str) -> None:

@@ -47,6 +47,17 @@ def test_driver_and_emulated_device_meet():
     assert "mouse_1" in link
 
 
+def test_the_ends_of_the_link_meet():
+    nodes = {node.name: node for node in load(FILE, {"target": "link"}).nodes}
+    arguments = dict(zip(nodes["robot_end"].arguments[:-1:2], nodes["robot_end"].arguments[1::2], strict=True))
+    assert arguments["--endpoint"] == dict(nodes["zenoh_link"].parameters)["endpoint"]
+    assert arguments["--port"] == dict(nodes["device_emulator"].parameters)["link"]
+    assert "serial_driver" not in nodes
+    far = {node.name: node for node in load(FILE, {"target": "link", "port": "quic/10.0.0.7:7447?rel=0"}).nodes}
+    assert not {"robot_end", "device_emulator", "mujoco_sim"} & far.keys()
+    assert dict(far["zenoh_link"].parameters)["endpoint"] == "quic/10.0.0.7:7447?rel=0"
+
+
 def test_two_mice_share_a_graph():
     one = load(FILE, {"namespace": "mouse_1", "frame_prefix": "mouse_1/"}).nodes
     two = load(FILE, {"namespace": "mouse_2", "frame_prefix": "mouse_2/", "publish_clock": "false"}).nodes

@@ -13,13 +13,14 @@ class RefusedCommandError(ValueError):
 class ServoCommandDoor:
     """Lets through each command once, complete, finite and not too old.
 
-    servos: the robot's servos, in the order of the result. oldest: age beyond which a command is stale [s].
+    servos: the robot's servos, in the order of the result. oldest: age beyond which a command is stale [s]. lead: how
+    far its stamp may be ahead [s], where it comes from another clock.
     """
 
-    def __init__(self, servos: Sequence[str], oldest: float) -> None:
+    def __init__(self, servos: Sequence[str], oldest: float, lead: float = 0.0) -> None:
         self._servos = tuple(servos)
         self._known = frozenset(servos)
-        self._oldest_ns = round(oldest * 1e9)
+        self._oldest_ns, self._lead_ns = round(oldest * 1e9), round(lead * 1e9)
         self._last_stamp: int | None = None
 
     def open(self, stamp: int, names: Sequence[str], positions: Sequence[float], now: int) -> list[float]:
@@ -34,9 +35,10 @@ class ServoCommandDoor:
             raise RefusedCommandError(self._naming(names))
         result = [by_name[name] for name in self._servos]
         if not math.isfinite(sum(result)):
-            name = next(name for name in names if not math.isfinite(by_name[name]))
+            # Finite numbers can have a sum that is not.
+            name = next((name for name in names if not math.isfinite(by_name[name])), self._servos[0])
             raise RefusedCommandError(f"position of {name} is {by_name[name]}: must be finite")
-        if stamp > now:
+        if stamp > now + self._lead_ns:
             raise RefusedCommandError(f"stamp is {(stamp - now) * 1e-9:.3f} s in the future")
         if now - stamp > self._oldest_ns:
             raise RefusedCommandError(f"stale: {(now - stamp) * 1e-9:.3f} s old, at most {self._oldest_ns * 1e-9} s")

@@ -235,6 +235,150 @@ def _robot(name: str) -> RobotParameters:
         raise CommandError(str(error), status=2) from error
 
 
+@hw_app.command("keys")
+def keys(
+    names: Annotated[
+        list[str] | None, typer.Argument(help="Ends and observers; robot and workstation by default.")
+    ] = None,
+    folder: Annotated[Path, typer.Option(help="Where they go.")] = Path("~/.config/nermo/keys"),
+) -> None:
+    """Make a certificate authority for the Wi-Fi link, and a certificate for each end that has none yet.
+
+    The robot needs ca.pem, robot.pem and robot.key; ca.key stays on the workstation.
+
+    \b
+    nermo hw keys
+    nermo hw keys robot workstation observer --folder keys
+    """
+    from nermo_hw.link.keys import KeysError, make_keys
+
+    try:
+        made = make_keys(folder.expanduser(), names or ["robot", "workstation"])
+    except KeysError as error:
+        raise CommandError(f"{error}.", status=2) from error
+    for path in made:
+        print(path)
+    if not made:
+        print(f"{folder.expanduser()} has them all")
+
+
+@hw_app.command("release")
+def release(
+    link: Annotated[
+        Path | None, typer.Option(help="The link's YAML file; by default the one that comes along.")
+    ] = None,
+    endpoint: Annotated[str, typer.Option(help="Where the robot is, as in quic/10.0.0.7:7447?rel=0.")] = "",
+) -> None:
+    """Let the robot go on over Wi-Fi: take back every latched fault whose reason has gone.
+
+    \b
+    nermo hw release
+    nermo hw release --endpoint "quic/10.0.0.7:7447?rel=0"
+    """
+    from nermo_description.parameter_files import ParameterError
+    from nermo_hw.link.clock import SteadyClock
+    from nermo_hw.link.config import DEFAULT, Side, load_link
+    from nermo_hw.link.end import LinkEnd
+    from nermo_hw.link.session import LinkError
+
+    overrides = [("workstation.endpoints", [endpoint])] if endpoint else []
+    try:
+        config = load_link(link or DEFAULT, overrides)
+        with LinkEnd(config, Side.WORKSTATION, lambda topic, payload: None, SteadyClock()) as end:
+            if not end.wait(5.0):
+                raise CommandError(f"no robot answers at {', '.join(config.workstation.endpoints)}.")
+            left = end.ask_release()
+    except ParameterError as error:
+        raise CommandError(str(error), status=2) from error
+    except LinkError as error:
+        raise CommandError(f"{error}.") from error
+    if left:
+        raise CommandError(f"the robot is not released: {left}.")
+    print("released")
+
+
+Transport = Annotated[str, typer.Option(help="quic (encrypted datagrams), tls, udp or tcp.")]
+
+
+@bench_app.command("link")
+def bench_link(
+    robot: Robot = "nermo_lite",
+    transport: Transport = "quic",
+    quick: Annotated[bool, typer.Option("--quick", help="400 commands a row, not 2000.")] = False,
+    json: Json = None,
+) -> None:
+    """Send commands at 200 Hz over good and bad networks into an emulated device, and count what it executes.
+
+    Needs network namespaces and /dev/net/tun; no rights where the kernel lets users make them.
+
+    \b
+    nermo bench link --json link.json
+    nermo bench link --transport tls
+    """
+    from nermo_hw.bench.link import bench_link as run
+
+    with _network_errors(transport):
+        rows = run(robot, transport, 400 if quick else 2000, progress=_say)
+    _print_table(rows, f"commands at 200 Hz over {transport}, from sending to the device")
+    if json is not None:
+        write_results(json, "bench-link", {"transport": transport, "rows": rows}, robot=robot, seed=0)
+    if any(row["stale_executed"] for row in rows):
+        raise CommandError("the device executed stale commands.")
+
+
+@bench_app.command("faults")
+def bench_faults(
+    robot: Robot = "nermo_lite",
+    transport: Transport = "quic",
+    repeats: Annotated[int, typer.Option(min=1, max=1000, help="How often each fault is injected.")] = 20,
+    fault: Annotated[list[str] | None, typer.Option(help="Only this fault; may be given several times.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the moments of injection.")] = 0,
+    json: Json = None,
+) -> None:
+    """Inject every fault into a walking emulated robot, and say what state it reached, when, and whether it recovered.
+
+    \b
+    nermo bench faults --json faults.json
+    nermo bench faults --repeats 3 --fault network_cut --fault fall
+    """
+    from nermo_hw.bench.faults import bench_cut
+    from nermo_hw.bench.faults import bench_faults as run
+
+    with _network_errors(transport):
+        rows = run(robot, repeats, seed, transport, tuple(fault or ()), progress=_say)
+        cut = bench_cut(robot, transport=transport, repeats=min(repeats, 5))
+    _print_table(rows, "faults while walking")
+    _print_facts(cut, "the network cut while walking")
+    if json is not None:
+        write_results(json, "bench-faults", {"transport": transport, "rows": rows, "cut": cut}, robot=robot, seed=seed)
+    bad = [
+        row["fault"]
+        for row in rows
+        if not row["injected"] == row["in_time"] == row["recovered"] or row["executed_after"]
+    ]
+    if bad:
+        raise CommandError(f"not as it should be: {', '.join(bad)}.")
+
+
+@contextlib.contextmanager
+def _network_errors(transport: str) -> Iterator[None]:
+    from nermo_hw.bench.json_lines import WordError
+    from nermo_hw.bench.network import NoNamespacesError
+
+    if transport not in ("quic", "tls", "udp", "tcp"):
+        raise CommandError(f"--transport {transport} is not one of: quic, tls, udp, tcp.", status=2)
+    try:
+        yield
+    except NoNamespacesError as error:
+        raise CommandError(f"this measurement needs two machines in one: {error.strerror}.") from error
+    except WordError as error:
+        raise CommandError(f"{error}.") from error
+
+
+def _say(what: str) -> None:
+    print(what, file=sys.stderr, flush=True)
+
+
 @bench_app.command("serial")
 def bench_serial(
     robot: Robot = "nermo_lite",

@@ -76,8 +76,23 @@ def bring_up(robot: str, target: str, record: str, words: Sequence[str]) -> int:
     if record and Path(record).exists():
         raise CommandError(f"--record {record} exists already; name a new folder.", status=2)
     arguments = {"robot": robot, "target": target, **({"record": str(Path(record).absolute())} if record else {})}
+    if target == "link" and read_arguments(words).get("port", "twin") == "twin":
+        _make_missing_keys()
     file = find_launch_file("nermo_bringup", MAIN_FILE)
     return launch(load(file, {**arguments, **read_arguments(words)}).nodes)
+
+
+def _make_missing_keys() -> None:
+    """Both ends are on this machine, so nobody has to carry a key anywhere."""
+    from nermo_hw.link.config import load_link
+    from nermo_hw.link.keys import KeysError, make_keys
+
+    link = load_link()
+    assert link.keys is not None, "the list that comes along is encrypted"
+    try:
+        make_keys(link.keys, [link.robot.name, link.workstation.name])
+    except KeysError as error:
+        raise CommandError(f"{error}.") from error
 
 
 def read_arguments(words: Sequence[str]) -> dict[str, str]:

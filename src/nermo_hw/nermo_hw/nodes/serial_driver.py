@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from nermo_description.robots import load_robot
@@ -147,7 +148,10 @@ class SerialDriverNode(Node):
         self._ending = threading.Event()
         self._failure: Exception | None = None
 
+        self._power = True
+        """What the safety supervisor wants; without one there is power."""
         self.create_subscription(ServoCommand, "servo_command", self._on_command, qos.COMMAND)
+        self.create_subscription(Bool, "servo_power", self._on_power, qos.LATCHED)
         self.create_service(Trigger, "~/release", self._on_release)
         self._diagnostics = Diagnostics(
             self,
@@ -176,6 +180,9 @@ class SerialDriverNode(Node):
             return
         with self._lock:
             self._follower.command(np.array(positions))
+
+    def _on_power(self, message: Bool) -> None:
+        self._power = bool(message.data)
 
     def _on_release(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._release_wanted = True
@@ -288,7 +295,11 @@ class SerialDriverNode(Node):
         if sample is not None and not sample.faults & LATCHED and point:
             with self._lock:
                 positions = self._follower.step(self._since_point(), sample.servo_positions)
+                if not self._power:
+                    self._follower.forget()
             targets = None if positions is None else ServoTargets(positions)
+            if not self._power:
+                targets = ServoTargets(sample.servo_positions, energised=False)
         if self._release_wanted and (sample is None or sample.faults & LATCHED):
             self._driver.release()
         self._sample = sample = self._driver.exchange(targets)

@@ -13,6 +13,7 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool
 
 from nermo_description.robots import load_robot
+from nermo_description.servo_command import RefusedCommandError, ServoCommandDoor
 from nermo_interfaces.msg import ServoCommand
 from nermo_interfaces.srv import PushRobot, ResetSimulation, StepSimulation
 from nermo_node import qos
@@ -25,7 +26,6 @@ from nermo_sim.nodes.sensor_publishers import SensorPublishers
 from nermo_sim.nodes.views import open_views
 from nermo_sim.pacing import Latency, Pacer, Patience
 from nermo_sim.sensor_data import SensorData, SensorNoise
-from nermo_description.servo_command import RefusedCommandError, ServoCommandDoor
 from nermo_sim.twin import CommandState, Silence, Twin
 
 REPEAT_AFTER = 0.25

@@ -15,12 +15,12 @@ from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Imu, JointState
 
+from nermo_description.battery import Battery
 from nermo_interfaces.msg import FootForces, ServoStates, Tactile
 from nermo_node import qos
 from nermo_node.time import to_message
 from nermo_sensors.models.foot import TactileFeet
 from nermo_sensors.parameters import tactile_of_robot
-from nermo_description.battery import Battery
 from nermo_sim.sensor_data import SensorData
 from nermo_sim.twin import Twin
 

@@ -1,0 +1,303 @@
+"""`nermo bench faults`: every fault, injected while walking, and what the robot made of it."""
+
+from __future__ import annotations
+
+import itertools
+import signal
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nermo_description.parameters import RobotParameters
+from nermo_description.results import CommandError
+from nermo_hw.bench.rig import Rig
+from nermo_hw.safety.causes import RULE_OF, Cause, State
+
+MARGIN_S = 0.2
+"""A state that comes later than its time and this is late: two control ticks, one exchange, and a busy machine."""
+BOOT_S = 0.3
+"""After a brown-out the boards need this until they can say that they are limp; they are so at once."""
+WATCHDOG_S = 0.5
+"""Of the device (register watchdog)."""
+
+
+@dataclass(frozen=True)
+class Injection:
+    """A fault: how it is done, what it should lead to, and how it is undone."""
+
+    name: str
+    cause: Cause | None
+    """None: the robot's end itself has died, and the device's watchdog acts."""
+    do: Callable[[Rig], Any]
+    undo: Callable[[Rig], Any]
+    delay: float = 0.0
+    """Until the condition itself begins [s]: a wire that is cut is noticed by what does not come."""
+
+    @property
+    def state(self) -> State:
+        """What it should lead to."""
+        return State.LIMP if self.cause is None else RULE_OF[self.cause].state
+
+    @property
+    def within(self) -> float:
+        """Time that it may take [s]."""
+        after = WATCHDOG_S if self.cause is None else RULE_OF[self.cause].after
+        return self.delay + after + MARGIN_S
+
+
+def _wrong(what: str) -> Injection:
+    return Injection(
+        f"command_{what}",
+        Cause.COMMAND_SILENCE,
+        lambda rig: rig.walker("walk", on=True, wrong=what),
+        lambda rig: rig.walker("walk", on=True),
+    )
+
+
+def _revive(rig: Rig) -> None:
+    before = len(rig.states())
+    rig.start_robot()
+    rig.until(lambda: len(rig.states()) > before, "the robot's end is there again")
+
+
+INJECTIONS: tuple[Injection, ...] = (
+    Injection(
+        "commands_stop",
+        Cause.COMMAND_SILENCE,
+        lambda rig: rig.walker("walk", on=False),
+        lambda rig: rig.walker("walk", on=True),
+    ),
+    Injection(
+        "commands_stop_long",
+        Cause.COMMAND_LOST,
+        lambda rig: rig.walker("walk", on=False),
+        lambda rig: rig.walker("walk", on=True),
+    ),
+    *map(_wrong, ("stale", "future", "repeated", "nan", "infinite", "unknown_name", "wrong_length")),
+    Injection("network_cut", Cause.LINK_LOST, lambda rig: rig.impair(cut=True), lambda rig: rig.impair()),
+    Injection(
+        "emergency_stop_topic",
+        Cause.EMERGENCY_STOP,
+        lambda rig: rig.walker("stop", pressed=True),
+        lambda rig: rig.walker("stop", pressed=False),
+    ),
+    Injection(
+        "emergency_stop_signal", Cause.EMERGENCY_STOP, lambda rig: rig.signal_robot(signal.SIGUSR1), lambda rig: None
+    ),
+    Injection(
+        "fall", Cause.FALLEN, lambda rig: rig.device("tilt", angle=1.5), lambda rig: rig.device("tilt", angle=0.0)
+    ),
+    Injection(
+        "over_current",
+        Cause.OVER_CURRENT,
+        lambda rig: rig.device("extra_current", servo="tail", current=1.1),
+        lambda rig: rig.device("extra_current", servo="tail", current=0.0),
+    ),
+    Injection(
+        "low_battery",
+        Cause.LOW_BATTERY,
+        lambda rig: rig.device("voltage", value=6.5),
+        lambda rig: rig.device("voltage", value=None),
+    ),
+    Injection(
+        "empty_battery",
+        Cause.EMPTY_BATTERY,
+        lambda rig: rig.device("voltage", value=5.8),
+        lambda rig: rig.device("voltage", value=None),
+    ),
+    Injection(
+        "silent_servo",
+        Cause.SILENT_SERVO,
+        lambda rig: rig.device("silent_servos", names=["tail"]),
+        lambda rig: rig.device("silent_servos", names=[]),
+    ),
+    Injection(
+        "silent_board",
+        Cause.LINE_LOST,
+        lambda rig: rig.device("silent_boards", names=["servo board 1"]),
+        lambda rig: rig.device("silent_boards", names=[]),
+    ),
+    Injection("cable_pulled", Cause.LINE_LOST, lambda rig: rig.device("unplug", seconds=1.0), lambda rig: None),
+    Injection("brown_out", Cause.DEVICE_LIMP, lambda rig: rig.device("brown_out"), lambda rig: None, delay=BOOT_S),
+    Injection("robot_end_killed", None, lambda rig: rig.signal_robot(signal.SIGKILL), _revive),
+)
+
+
+def gait(robot: RobotParameters, frequency: float = 0.8, rate: float = 200.0) -> np.ndarray:
+    """Servo positions [rad] of one cycle, shape (ticks, n): diagonal legs swing in turn, spine and tail with them.
+
+    For a robot on a bench: every servo moves at walking speed, well inside its range.
+    """
+    phase = np.arange(round(rate / frequency)) / round(rate / frequency) * 2.0 * np.pi
+    columns = []
+    for name, servo in robot.servos.items():
+        shift = 0.0 if name.startswith(("front_left", "rear_right")) else np.pi
+        amplitude = 0.35 * min(servo.upper - servo.neutral, servo.neutral - servo.lower, 1.0)
+        columns.append(servo.neutral + amplitude * np.sin(phase + shift))
+    return np.stack(columns, axis=1)
+
+
+def bench_faults(
+    robot: str = "nermo_lite",
+    repeats: int = 20,
+    seed: int = 0,
+    transport: str = "quic",
+    names: tuple[str, ...] = (),
+    progress: Callable[[str], None] = lambda _: None,
+) -> list[dict[str, Any]]:
+    """Injects each fault `repeats` times at a random moment of the walk.
+
+    A row has `state` (that should be reached), `reached` and `recovered` (how often), `time_s` (p50 and max, from the
+    injection), `within_s` (what it may take), and `executed_after` (commands that the device executed when it should
+    not follow any more).
+
+    Raises NoNamespacesError, CommandError.
+    """
+    chosen = [injection for injection in INJECTIONS if not names or injection.name in names]
+    if unknown := set(names) - {injection.name for injection in INJECTIONS}:
+        known = ", ".join(injection.name for injection in INJECTIONS)
+        raise CommandError(f"fault {', '.join(sorted(unknown))} is unknown: known are {known}", status=2)
+    random = np.random.default_rng(seed)
+    with (
+        tempfile.TemporaryDirectory(prefix="nermo_bench_faults_") as folder,
+        Rig(Path(folder), robot, transport) as rig,
+    ):
+        rig.walker("gait", postures=gait(rig.robot).tolist())
+        rig.walker("walk", on=True)
+        return [measure(rig, injection, repeats, random, progress) for injection in chosen]
+
+
+def measure(
+    rig: Rig,
+    injection: Injection,
+    repeats: int,
+    random: np.random.Generator,
+    progress: Callable[[str], None] = lambda _: None,
+) -> dict[str, Any]:
+    """One row on a robot that walks."""
+    outcomes = []
+    for repeat in range(repeats):
+        progress(f"{injection.name} {repeat + 1}/{repeats}")
+        outcomes.append(_inject(rig, injection, float(random.uniform(0.2, 1.45))))
+    return _row(injection, outcomes)
+
+
+def bench_cut(
+    robot: str = "nermo_lite", seconds: float = 3.0, transport: str = "quic", repeats: int = 5
+) -> dict[str, Any]:
+    """Cuts the network while walking: time until safe, and until walking again, both at the device."""
+    safe, again, oldest = [], [], []
+    with tempfile.TemporaryDirectory(prefix="nermo_bench_cut_") as folder, Rig(Path(folder), robot, transport) as rig:
+        rig.walker("gait", postures=gait(rig.robot).tolist())
+        rig.walker("walk", on=True)
+        for _ in range(repeats):
+            rig.release()
+            time.sleep(1.0)
+            seen, cut = len(rig.states()), time.monotonic_ns()
+            rig.impair(cut=True)
+            time.sleep(seconds)
+            back = time.monotonic_ns()
+            rig.impair()
+            _until_walking(rig, seen)
+            entries = rig.states()[seen:]
+            safe.append((entries[0]["monotonic_ns"] - cut) * 1e-9)
+            again.append((entries[-1]["monotonic_ns"] - back) * 1e-9)
+            oldest.append(entries[-1]["command_age_ms"])
+    return {
+        "cut_s": seconds,
+        "repeats": repeats,
+        "safe_after_s": _spread(safe),
+        "walking_after_s": _spread(again),
+        "oldest_command_ms": max(oldest),
+    }
+
+
+def _until_walking(rig: Rig, seen: int) -> None:
+    """Waits until the robot follows, after at least two changes of state."""
+    rig.until(lambda: rig.state() == "follow" and len(rig.states()) > seen + 1, "it walks again")
+
+
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    seconds: float | None
+    """Until the state; None where it was not reached."""
+    recovered: bool
+    executed_after: int
+
+
+def _inject(rig: Rig, injection: Injection, wait: float) -> _Outcome:
+    rig.release()
+    time.sleep(wait)
+    rig.points()
+    seen, begin = len(rig.states()), time.monotonic_ns()
+    injection.do(rig)
+    reached: int | None = None
+    try:
+        rig.until(lambda: _reached(rig, injection, seen) is not None, injection.name, injection.within + 3.0)
+        reached = _reached(rig, injection, seen)
+    except CommandError:
+        reached = None
+    time.sleep(0.3)
+    executed = _executed_after(rig, injection, begin)
+    injection.undo(rig)
+    recovered = True
+    try:
+        rig.release()
+    except CommandError:
+        recovered = False
+    return _Outcome(None if reached is None else (reached - begin) * 1e-9, recovered, executed)
+
+
+def _reached(rig: Rig, injection: Injection, seen: int) -> int | None:
+    """When the state was taken [ns, monotonic]; of a dead process, when the device had cut the power."""
+    if injection.cause is None:
+        return None if rig.device("state")["energised"] else time.monotonic_ns()
+    for entry in rig.states()[seen:]:
+        if str(injection.cause) in entry["causes"] and State[entry["state"].upper()] >= injection.state:
+            return int(entry["monotonic_ns"])
+    return None
+
+
+def _executed_after(rig: Rig, injection: Injection, begin: int) -> int:
+    """Points that the device took after the deadline and that are not part of the state: in `hold` a servo that is told
+    to go elsewhere, in `crouch` one that goes away from the crouch, in `limp` any.
+    """
+    deadline = begin + round(injection.within * 1e9)
+    late = [targets for at, targets in rig.points() if at > deadline]
+    if injection.state is State.LIMP:
+        return len(late)
+    resolution = 2e-4
+    crouch = np.array(list(rig.robot.posture("crouch").values()))
+    wrong = 0
+    for before, after in itertools.pairwise(late):
+        towards = np.abs(after - crouch) <= np.abs(before - crouch) + resolution
+        still = np.abs(after - before) <= resolution
+        wrong += not np.all(np.isnan(after) | still | towards)
+    return wrong
+
+
+def _row(injection: Injection, outcomes: list[_Outcome]) -> dict[str, Any]:
+    times = [outcome.seconds for outcome in outcomes if outcome.seconds is not None]
+    return {
+        "fault": injection.name,
+        "cause": "device watchdog" if injection.cause is None else str(injection.cause),
+        "state": str(injection.state),
+        "injected": len(outcomes),
+        "reached": len(times),
+        "time_s": _spread(times),
+        "within_s": injection.within,
+        "in_time": sum(seconds <= injection.within for seconds in times),
+        "recovered": sum(outcome.recovered for outcome in outcomes),
+        "executed_after": sum(outcome.executed_after for outcome in outcomes),
+    }
+
+
+def _spread(values: list[float]) -> dict[str, float | None]:
+    if not values:
+        return {"p50": None, "max": None}
+    return {"p50": float(np.median(values)), "max": float(max(values))}

@@ -1,0 +1,172 @@
+"""Node `safety_supervisor`: servo_command [c], [d], emergency_stop -> safe_servo_command, servo_power.
+
+For a robot at a cable, in front of `serial_driver`; over Wi-Fi the same supervisor is part of `robot_end`.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+from pydantic import Field
+from rclpy.node import Node
+from sensor_msgs.msg import BatteryState, Imu
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from nermo_description.robots import load_robot
+from nermo_hw.safety.causes import Cause, State
+from nermo_hw.safety.supervisor import Output, RefusedCommandError, SafetySettings, SafetySupervisor
+from nermo_hw.types import Array, Fault, SensorSample
+from nermo_interfaces.msg import ServoCommand, ServoStates
+from nermo_node import qos
+from nermo_node.complaints import Complaints
+from nermo_node.diagnostics import ERROR, OK, WARN, Diagnostics, Status
+from nermo_node.parameters import blame, declare
+from nermo_node.run import run
+from nermo_node.time import to_message, to_nanoseconds
+
+TICK_S = 0.02
+"""Between two looks at what does not come any more."""
+
+
+class SafetySupervisorParameters(SafetySettings):
+    """Parameters of the node."""
+
+    robot: str = Field("nermo_lite", description="Name of the robot, or path of its parameter file")
+    auto_release: bool = Field(False, description="Give power at the start without being asked: for emulated robots")
+
+
+class SafetySupervisorNode(Node):
+    """Answers each servo_states with what the servos may do; without power nothing is commanded."""
+
+    def __init__(self) -> None:
+        super().__init__("safety_supervisor")
+        settings = declare(self, SafetySupervisorParameters)
+        with blame("robot"):
+            robot = load_robot(settings.robot)
+        self._supervisor = SafetySupervisor(robot, settings, now=self._now())
+        self._names = list(robot.servos)
+        self._auto_release = settings.auto_release
+        self._orientation = np.array([1.0, 0.0, 0.0, 0.0])
+        self._voltage = math.nan
+        self._power: bool | None = None
+        self._pressed = False
+        self._sensed_at = self._now()
+        self._output: Output | None = None
+        self._refused = Complaints(self, "refused")
+        self._commands = self.create_publisher(ServoCommand, "safe_servo_command", qos.COMMAND)
+        self._powers = self.create_publisher(Bool, "servo_power", qos.LATCHED)
+        self.create_subscription(ServoCommand, "servo_command", self._on_command, qos.COMMAND)
+        self.create_subscription(ServoStates, "servo_states", self._on_servo_states, qos.BEST_EFFORT)
+        self.create_subscription(Imu, "imu/data_raw", self._on_imu, qos.BEST_EFFORT)
+        self.create_subscription(BatteryState, "battery", self._on_battery, qos.BEST_EFFORT)
+        self.create_subscription(Bool, "emergency_stop", self._on_emergency_stop, qos.LATCHED)
+        self.create_service(Trigger, "~/release", self._on_release)
+        Diagnostics(self, robot.name, {"safety": self._status, "commands": self._refused.status})
+        self.create_timer(TICK_S, self._watch)
+        self._decide()
+
+    def _now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    def _on_command(self, message: ServoCommand) -> None:
+        try:
+            stamp = to_nanoseconds(message.header.stamp)
+            self._supervisor.take_command(stamp, message.name, message.position, self._now())
+        except RefusedCommandError as error:
+            self._refused.add([f"servo command refused: {error}"])
+
+    def _on_servo_states(self, message: ServoStates) -> None:
+        self._sensed_at = now = self._now()
+        sample = SensorSample(
+            stamp=to_nanoseconds(message.header.stamp),
+            elapsed=0.0,
+            servo_positions=self._ordered(message.name, message.position),
+            servo_velocities=self._ordered(message.name, message.velocity),
+            servo_currents=self._ordered(message.name, message.current),
+            knee_angles=np.zeros(4),
+            piezoresistive=np.zeros(4),
+            piezoelectric=np.zeros(4),
+            orientation=self._orientation,
+            angular_velocity=np.zeros(3),
+            linear_acceleration=np.zeros(3),
+            battery_voltage=self._voltage,
+            battery_current=math.nan,
+            faults=Fault(0),
+            limp=False,
+        )
+        self._supervisor.take_sensors(sample, now)
+        if self._auto_release:
+            self._auto_release = False
+            self._supervisor.release(now)
+        self._decide()
+
+    def _ordered(self, names: Sequence[str], values: Sequence[float]) -> Array:
+        """In the robot's order; NaN for what is not said."""
+        by_name = dict(zip(names, values, strict=False))
+        return np.array([by_name.get(name, math.nan) for name in self._names])
+
+    def _on_imu(self, message: Imu) -> None:
+        q = message.orientation
+        self._orientation = np.array([q.w, q.x, q.y, q.z])
+
+    def _on_battery(self, message: BatteryState) -> None:
+        self._voltage = message.voltage
+
+    def _on_emergency_stop(self, message: Bool) -> None:
+        if message.data:
+            self._supervisor.emergency_stop("topic emergency_stop")
+        elif self._pressed:
+            self._supervisor.end_emergency_stop()
+        self._pressed = bool(message.data)
+        self._decide()
+
+    def _on_release(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.message = self._supervisor.release(self._now())
+        response.success = not response.message
+        return response
+
+    def _watch(self) -> None:
+        """Decides also when no sensor data comes."""
+        now = self._now()
+        if now - self._sensed_at > TICK_S * 1e9:
+            self._supervisor.device_silent("no servo_states", now)
+            self._decide()
+
+    def _decide(self) -> None:
+        now = self._now()
+        self._output = output = self._supervisor.step(now)
+        if output.targets.energised != self._power:
+            self._power = output.targets.energised
+            self._powers.publish(Bool(data=self._power))
+        if self._power and self._supervisor.command_stamp is not None:
+            command = ServoCommand(name=self._names, position=output.targets.positions.tolist())
+            command.header.stamp = to_message(now)
+            self._commands.publish(command)
+
+    def _status(self) -> Status:
+        output = self._output
+        assert output is not None, "the constructor has decided once"
+        why = "; ".join(self._supervisor.reason(cause) for cause in output.causes)
+        level = {State.FOLLOW: OK, State.HOLD: WARN}.get(output.state, ERROR)
+        if output.causes == (Cause.START,):
+            level = WARN
+        values = {
+            "state": output.state,
+            "causes": ", ".join(str(cause) for cause in output.causes),
+            "commands_accepted": self._supervisor.accepted,
+            "commands_refused": self._supervisor.refused,
+        }
+        return level, f"{output.state}: {why}" if why else str(output.state), values
+
+
+def main() -> int:
+    """Runs the node."""
+    return run(SafetySupervisorNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

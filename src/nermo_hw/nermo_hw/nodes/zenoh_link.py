@@ -1,0 +1,121 @@
+"""Node `zenoh_link`: the workstation's end of the Wi-Fi link. Topics of the list cross it as raw CDR, not decoded."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from std_srvs.srv import Trigger
+
+from nermo_description.parameter_files import ParameterError as FileError
+from nermo_hw.link.config import DEFAULT, Side, Topic, load_link
+from nermo_hw.link.end import LinkEnd
+from nermo_hw.link.session import LinkError
+from nermo_node import qos
+from nermo_node.diagnostics import OK, WARN, Diagnostics, Status
+from nermo_node.parameters import ParameterError, declare
+from nermo_node.run import run
+
+_QOS_IN = {"command": qos.COMMAND, "event": qos.LATCHED, "sensor": qos.BEST_EFFORT}
+_QOS_OUT = {"command": qos.COMMAND, "event": qos.LATCHED, "sensor": qos.SENSOR}
+
+
+class ZenohLinkParameters(BaseModel):
+    """Parameters of the node."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    robot: str = Field("nermo_lite", description="Name of the robot, for the diagnostics")
+    link: str = Field("", description="The link's YAML file, the same as at the robot; empty: the one that comes along")
+    endpoint: str = Field("", description="Where the robot is, as in quic/10.0.0.7:7447?rel=0; empty: as the file says")
+
+
+class ZenohLinkNode(Node):
+    """Hands messages over as they are; the service `~/release` lets the robot go on after a latched fault."""
+
+    def __init__(self) -> None:
+        super().__init__("zenoh_link")
+        settings = declare(self, ZenohLinkParameters)
+        namespace = self.get_namespace().strip("/")
+        overrides: list[tuple[str, object]] = [("namespace", namespace)]
+        if settings.endpoint:
+            overrides.append(("workstation.endpoints", [settings.endpoint]))
+        try:
+            config = load_link(Path(settings.link) if settings.link else DEFAULT, overrides)
+        except FileError as error:
+            raise ParameterError(str(error)) from error
+        self._outputs: dict[str, Publisher] = {}
+        self._lock = threading.Lock()
+        self._connected = False
+        self._end = LinkEnd(config, Side.WORKSTATION, self._on_far_message, self._now)
+        for topic in config.topics:
+            kind = _message_type(topic)
+            if topic.to is Side.WORKSTATION:
+                self._outputs[topic.name] = self.create_publisher(kind, topic.name, _QOS_OUT[topic.kind])
+            else:
+                self.create_subscription(kind, topic.name, self._sender(topic), _QOS_IN[topic.kind], raw=True)
+        self.create_service(Trigger, "~/release", self._on_release, callback_group=MutuallyExclusiveCallbackGroup())
+        Diagnostics(self, settings.robot, {"link": self._status})
+        self._end.open()
+        self.get_logger().info(f"looking for the robot at {', '.join(config.workstation.endpoints)}")
+
+    def destroy_node(self) -> None:
+        """Ends the connection."""
+        if hasattr(self, "_end"):  # the constructor may have failed before
+            self._end.close()
+        super().destroy_node()
+
+    def _now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    def _sender(self, topic: Topic) -> Any:
+        def send(payload: bytes) -> None:
+            self._end.send(topic.name, payload)
+
+        return send
+
+    def _on_far_message(self, topic: Topic, payload: bytes) -> None:
+        with self._lock:
+            self._outputs[topic.name].publish(payload)
+
+    def _on_release(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            response.message = self._end.ask_release()
+            response.success = not response.message
+        except LinkError as error:
+            response.message = str(error)
+        return response
+
+    def _status(self) -> Status:
+        values = self._end.status()
+        connected = bool(values["connected"])
+        if connected != self._connected:
+            self._connected = connected
+            self.get_logger().info("the robot is there" if connected else "the robot is not heard any more")
+        if not connected:
+            return WARN, "the robot is not heard", values
+        return OK, f"delay {values.get('delay_p50_ms', '?')} ms", values
+
+
+def _message_type(topic: Topic) -> type:
+    package, _, name = topic.type.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)  # type: ignore[no-any-return]
+    except (ImportError, AttributeError) as error:
+        raise ParameterError(f"topic {topic.name}: the type {topic.type} is not installed") from error
+
+
+def main() -> int:
+    """Runs the node."""
+    return run(ZenohLinkNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,270 @@
+"""The safety supervisor: commands and sensor data in, what the servos may do out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from nermo_description.parameters import RobotParameters
+from nermo_description.servo_command import RefusedCommandError, ServoCommandDoor
+from nermo_hw.safety.causes import RULE_OF, RULES, Cause, State
+from nermo_hw.safety.limits import ServoLimits
+from nermo_hw.types import LATCHED, Array, SensorSample, ServoTargets
+
+__all__ = ["Output", "RefusedCommandError", "SafetySettings", "SafetySupervisor"]
+
+LONGEST_TICK = 0.05
+"""A tick that came later than this [s] is no reason to move further."""
+ARRIVED = 0.02
+"""Nearer than this [rad] to the command, the slow approach is over."""
+
+
+def _unit(unit: str) -> dict[str, Any]:
+    return {"unit": unit}
+
+
+class SafetySettings(BaseModel):
+    """Thresholds. Times are in the table of causes."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    max_command_age: float = Field(
+        0.2, ge=0.01, le=1.0, description="Commands older than this are stale", json_schema_extra=_unit("s")
+    )
+    max_command_lead: float = Field(
+        0.02, ge=0.0, le=0.5, description="Commands stamped further ahead are refused", json_schema_extra=_unit("s")
+    )
+    torque_share: float = Field(1.0, gt=0.0, le=1.0, description="Share of the stall torque that may be asked for")
+    # A servo of this size stalls at about 1 A; less than that for long burns it.
+    max_current: float = Field(0.9, gt=0.0, le=10.0, description="Of one servo", json_schema_extra=_unit("A"))
+    # Two lithium-polymer cells: 3.3 and 3.0 V each.
+    low_voltage: float = Field(6.6, ge=0.0, le=30.0, description="Battery is low", json_schema_extra=_unit("V"))
+    empty_voltage: float = Field(6.0, ge=0.0, le=30.0, description="Battery is empty", json_schema_extra=_unit("V"))
+    max_tilt: float = Field(
+        1.05, ge=0.1, le=math.pi, description="Tilted further, it has fallen", json_schema_extra=_unit("rad")
+    )
+    approach_velocity: float = Field(
+        2.0,
+        ge=0.1,
+        le=20.0,
+        description="Of a servo that crouches, or comes back to the commands",
+        json_schema_extra=_unit("rad/s"),
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> SafetySettings:
+        if self.empty_voltage > self.low_voltage:
+            raise ValueError(f"empty_voltage = {self.empty_voltage} V: at most low_voltage = {self.low_voltage} V")
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """What one tick of the supervisor decided."""
+
+    targets: ServoTargets
+    state: State
+    causes: tuple[Cause, ...]
+    """All that hold or are latched, worst first."""
+    entered: int
+    """When this state was taken [ns]."""
+
+
+class SafetySupervisor:
+    """Decides in every control tick what the servos may do. All times are integer ns on one clock.
+
+    now: the time at the start. The servos are limp until `release`.
+    """
+
+    def __init__(self, robot: RobotParameters, settings: SafetySettings | None = None, *, now: int) -> None:
+        self.robot = robot
+        self.settings = settings or SafetySettings()
+        self.servos = tuple(robot.servos)
+        self._limits = ServoLimits(robot, self.settings.torque_share)
+        self._door = ServoCommandDoor(self.servos, self.settings.max_command_age, self.settings.max_command_lead)
+        self._crouch = np.array(list(robot.posture("crouch").values()))
+        self._output = self._limits.position(np.array([servo.neutral for servo in robot.servos.values()]))
+        self._command: Array | None = None
+        self._command_at = now
+        self._command_stamp: int | None = None
+        self._heard_at: int | None = None
+        self._sample: SensorSample | None = None
+        self._sample_at = now
+        self._since: dict[Cause, int] = {}
+        """Since when a condition has held without a break."""
+        self._why: dict[Cause, str] = {Cause.START: "just started"}
+        self._latched: set[Cause] = {Cause.START}
+        self._state, self._entered = State.LIMP, now
+        self._last_step = now
+        self._approaching = True
+        self.refused = 0
+        self.last_refusal = ""
+        self.accepted = 0
+
+    # What comes in
+
+    def take_command(self, stamp: int, names: Sequence[str], positions: Sequence[float], now: int) -> None:
+        """Takes a servo command. Raises RefusedCommandError, which is counted, and then nothing has changed."""
+        try:
+            command = np.array(self._door.open(stamp, names, positions, now))
+        except RefusedCommandError as error:
+            self.refused += 1
+            self.last_refusal = str(error)
+            raise
+        self._command, self._command_at, self._command_stamp = command, now, stamp
+        self.accepted += 1
+
+    def heard(self, now: int) -> None:
+        """The workstation gave any sign of life. The link counts as lost only after the first."""
+        self._heard_at = now
+
+    def take_sensors(self, sample: SensorSample, now: int) -> None:
+        """Takes what one exchange with the device brought."""
+        self._sample, self._sample_at = sample, now
+        settings = self.settings
+        self._watch(
+            Cause.FALLEN, self._tilt(sample) > settings.max_tilt, now, f"tilted by {self._tilt(sample):.2f} rad"
+        )
+        worst = _largest(sample.servo_currents)
+        hot = worst is not None and sample.servo_currents[worst] > settings.max_current
+        self._watch(
+            Cause.OVER_CURRENT, hot, now, f"{self.servos[worst or 0]} draws {_at(sample.servo_currents, worst)} A"
+        )
+        voltage = sample.battery_voltage
+        self._watch(Cause.LOW_BATTERY, voltage < settings.low_voltage, now, f"{voltage:.2f} V")
+        self._watch(Cause.EMPTY_BATTERY, voltage < settings.empty_voltage, now, f"{voltage:.2f} V")
+        self._watch(Cause.SILENT_SERVO, bool(sample.silent_servos), now, ", ".join(sample.silent_servos))
+        self._watch(Cause.LINE_LOST, bool(sample.missing), now, f"{', '.join(sample.missing)} silent")
+        faults = sample.faults & LATCHED
+        self._watch(Cause.DEVICE_LIMP, bool(faults), now, f"device reports {faults.name or faults}")
+
+    def device_silent(self, why: str, now: int) -> None:
+        """An exchange with the device failed."""
+        self._watch(Cause.LINE_LOST, True, now, why)
+
+    def emergency_stop(self, source: str) -> None:
+        """Limp at once, until it is released."""
+        self._latched.add(Cause.EMERGENCY_STOP)
+        self._why[Cause.EMERGENCY_STOP] = source
+
+    def end_emergency_stop(self) -> None:
+        """Whoever pressed it has ended it; every other latched cause stays."""
+        self._latched.discard(Cause.EMERGENCY_STOP)
+
+    def release(self, now: int) -> str:
+        """Takes back every latched cause whose condition has gone; what is left, in words, empty where nothing is.
+
+        A device that is limp because it was told so, or because it has restarted, is no reason to refuse: releasing it
+        is what this is for.
+        """
+        for cause in list(self._latched):
+            if cause is Cause.DEVICE_LIMP or cause not in self._since:
+                self._latched.discard(cause)
+        self._since.pop(Cause.DEVICE_LIMP, None)
+        self._begin_softly()
+        return "; ".join(self.reason(cause) for cause in self._holding(now) if RULE_OF[cause].latched)
+
+    # What goes out
+
+    def step(self, now: int) -> Output:
+        """One control tick."""
+        dt = min(max((now - self._last_step) * 1e-9, 0.0), LONGEST_TICK)
+        self._last_step = now
+        # Silence is a condition that holds from the last sign of life on.
+        self._since[Cause.COMMAND_SILENCE] = self._since[Cause.COMMAND_LOST] = self._command_at
+        if self._heard_at is not None:
+            self._since[Cause.LINK_LOST] = self._heard_at
+        causes = self._holding(now)
+        self._latched.update(cause for cause in causes if RULE_OF[cause].latched)
+        state = max((RULE_OF[cause].state for cause in causes), default=State.FOLLOW)
+        if state is not self._state:
+            self._begin_softly(from_limp=self._state is State.LIMP)
+            self._state, self._entered = state, now
+        self._move(state, dt, now)
+        return Output(
+            ServoTargets(self._output.copy(), energised=state is not State.LIMP), state, causes, self._entered
+        )
+
+    def reason(self, cause: Cause) -> str:
+        """A cause in words."""
+        detail = self._why.get(cause, "")
+        return f"{cause} ({detail})" if detail else str(cause)
+
+    @property
+    def state(self) -> State:
+        """As of the last step."""
+        return self._state
+
+    @property
+    def command_stamp(self) -> int | None:
+        """Of the newest command that was accepted [ns]."""
+        return self._command_stamp
+
+    # Inside
+
+    def _watch(self, cause: Cause, holds: bool, now: int, why: str) -> None:
+        if not holds:
+            self._since.pop(cause, None)
+            return
+        self._since.setdefault(cause, now)
+        self._why[cause] = why
+
+    def _holding(self, now: int) -> tuple[Cause, ...]:
+        """Causes that are latched or have lasted long enough, worst first."""
+        held = [
+            rule.cause
+            for rule in RULES
+            if rule.cause in self._latched
+            or (rule.cause in self._since and now - self._since[rule.cause] >= rule.after * 1e9)
+        ]
+        return tuple(sorted(held, key=lambda cause: -RULE_OF[cause].state))
+
+    def _begin_softly(self, from_limp: bool = False) -> None:
+        self._approaching = True
+        if from_limp:
+            self._start_from_measured()
+
+    def _start_from_measured(self) -> None:
+        if self._sample is not None:
+            measured = self._sample.servo_positions
+            self._output = self._limits.position(np.where(np.isfinite(measured), measured, self._output))
+
+    def _move(self, state: State, dt: float, now: int) -> None:
+        if state is State.LIMP:
+            self._start_from_measured()
+            return
+        if state is State.HOLD:
+            return
+        goal = self._crouch if state is State.CROUCH else self._command
+        if goal is None:
+            return
+        target = self._limits.position(goal)
+        if self._sample is not None and now - self._sample_at < 0.1e9:
+            target = self._limits.torque(target, self._sample.servo_positions, self._sample.servo_velocities)
+        if state is State.FOLLOW and self._approaching and np.abs(goal - self._output).max() < ARRIVED:
+            self._approaching = False
+        velocity = self.settings.approach_velocity if state is State.CROUCH or self._approaching else None
+        self._output = self._limits.position(self._limits.rate(target, self._output, dt, velocity))
+
+    def _tilt(self, sample: SensorSample) -> float:
+        """Angle between the body's upward axis and the world's [rad]; 0 where the orientation is not usable."""
+        w, x, y, z = (float(part) for part in sample.orientation)
+        norm = w * w + x * x + y * y + z * z
+        if not (math.isfinite(norm) and norm > 0.25):
+            return 0.0
+        return math.acos(min(max(1.0 - 2.0 * (x * x + y * y) / norm, -1.0), 1.0))
+
+
+def _largest(values: Array) -> int | None:
+    """Place of the largest finite value."""
+    finite = np.where(np.isfinite(values), values, -np.inf)
+    return int(finite.argmax()) if len(finite) and np.isfinite(finite.max()) else None
+
+
+def _at(values: Array, place: int | None) -> str:
+    return "nan" if place is None else f"{values[place]:.2f}"

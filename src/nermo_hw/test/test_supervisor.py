@@ -1,0 +1,281 @@
+"""The safety supervisor: each cause leads to its state in time, and nothing that comes in gets an unsafe output out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from nermo_description.robots import load_robot
+from nermo_hw.safety.causes import RULE_OF, RULES, Cause, State, table
+from nermo_hw.safety.supervisor import Output, RefusedCommandError, SafetySettings, SafetySupervisor
+from nermo_hw.types import Fault, SensorSample
+
+ROBOT = load_robot("nermo_lite")
+SERVOS = tuple(ROBOT.servos)
+NEUTRAL = np.array([servo.neutral for servo in ROBOT.servos.values()])
+LOWER = np.array([servo.lower for servo in ROBOT.servos.values()])
+UPPER = np.array([servo.upper for servo in ROBOT.servos.values()])
+MAX_VELOCITY = np.array([servo.max_velocity for servo in ROBOT.servos.values()])
+TICK = 5_000_000
+START = 1_700_000_000_000_000_000
+GOOD = SensorSample(
+    stamp=START,
+    elapsed=0.005,
+    servo_positions=NEUTRAL,
+    servo_velocities=np.zeros(len(SERVOS)),
+    servo_currents=np.full(len(SERVOS), 0.1),
+    knee_angles=np.zeros(4),
+    piezoresistive=np.zeros(4),
+    piezoelectric=np.zeros(4),
+    orientation=np.array([1.0, 0.0, 0.0, 0.0]),
+    angular_velocity=np.zeros(3),
+    linear_acceleration=np.array([0.0, 0.0, 9.81]),
+    battery_voltage=7.6,
+    battery_current=0.3,
+    faults=Fault(0),
+    limp=False,
+)
+
+
+class Walk:
+    """A supervisor that is fed as on a walking robot, tick by tick."""
+
+    def __init__(self, settings: SafetySettings | None = None) -> None:
+        self.now = START
+        self.supervisor = SafetySupervisor(ROBOT, settings, now=self.now)
+        self.sample: SensorSample | None = GOOD
+        self.commands = self.heard = True
+        self.target = NEUTRAL
+
+    def tick(self) -> Output:
+        self.now += TICK
+        if self.heard:
+            self.supervisor.heard(self.now)
+        if self.commands:
+            self.supervisor.take_command(self.now, SERVOS, self.target, self.now)
+        output = self.supervisor.step(self.now)
+        if self.sample is None:
+            self.supervisor.device_silent("nobody answers", self.now)
+        else:
+            self.supervisor.take_sensors(self.sample, self.now)
+        return output
+
+    def run(self, seconds: float) -> Output:
+        for _ in range(round(seconds * 1e9 / TICK)):
+            output = self.tick()
+        return output
+
+    def released(self) -> Walk:
+        self.run(0.1)
+        assert self.supervisor.release(self.now) == ""
+        assert self.run(0.1).state is State.FOLLOW
+        return self
+
+
+def tilted(angle: float) -> np.ndarray:
+    return np.array([math.cos(angle / 2), math.sin(angle / 2), 0.0, 0.0])
+
+
+def change(walk: Walk, cause: Cause) -> None:
+    """Brings a cause about."""
+    match cause:
+        case Cause.COMMAND_SILENCE | Cause.COMMAND_LOST:
+            walk.commands = False
+        case Cause.LINK_LOST:
+            walk.heard = walk.commands = False
+        case Cause.EMERGENCY_STOP:
+            walk.supervisor.emergency_stop("a test")
+        case Cause.FALLEN:
+            walk.sample = replace(GOOD, orientation=tilted(1.5))
+        case Cause.OVER_CURRENT:
+            walk.sample = replace(GOOD, servo_currents=np.array([2.0, *[0.1] * (len(SERVOS) - 1)]))
+        case Cause.LOW_BATTERY:
+            walk.sample = replace(GOOD, battery_voltage=6.5)
+        case Cause.EMPTY_BATTERY:
+            walk.sample = replace(GOOD, battery_voltage=5.9)
+        case Cause.SILENT_SERVO:
+            walk.sample = replace(GOOD, silent_servos=("tail",))
+        case Cause.LINE_LOST:
+            walk.sample = None
+        case Cause.DEVICE_LIMP:
+            walk.sample = replace(GOOD, faults=Fault.WATCHDOG, limp=True)
+
+
+@pytest.mark.parametrize("cause", [rule.cause for rule in RULES if rule.cause is not Cause.START])
+def test_each_cause_leads_to_its_state_in_time_and_is_latched_as_the_table_says(cause: Cause) -> None:
+    walk = Walk().released()
+    rule = RULE_OF[cause]
+    begin = walk.now
+    change(walk, cause)
+    while cause not in (output := walk.tick()).causes:
+        assert (walk.now - begin) * 1e-9 <= rule.after + 2.1 * TICK * 1e-9, output
+    assert output.state == max(RULE_OF[other].state for other in output.causes)
+    assert output.state >= rule.state
+    assert walk.supervisor.reason(cause) != ""
+
+    walk.sample, walk.commands, walk.heard = GOOD, True, True
+    output = walk.run(0.5)
+    assert (cause in output.causes) == rule.latched
+    walk.supervisor.release(walk.now)
+    assert walk.run(0.5).state is State.FOLLOW
+
+
+def test_it_begins_limp_and_only_a_release_gives_power() -> None:
+    walk = Walk()
+    output = walk.run(2.0)
+    assert (output.state, output.causes) == (State.LIMP, (Cause.START,))
+    assert not output.targets.energised
+    walk.released()
+
+
+def test_a_release_leaves_what_still_holds() -> None:
+    walk = Walk().released()
+    change(walk, Cause.FALLEN)
+    walk.run(0.5)
+    assert "fallen (tilted by 1.50 rad)" in walk.supervisor.release(walk.now)
+    assert walk.run(0.1).state is State.LIMP
+
+
+def test_link_loss_needs_a_link_that_was_there() -> None:
+    walk = Walk()
+    walk.heard = False
+    walk.run(1.0)
+    walk.released()
+    assert walk.run(1.0).state is State.FOLLOW
+
+
+def test_hold_crouch_and_back_go_without_a_jump() -> None:
+    walk = Walk().released()
+    held = walk.tick().targets.positions
+    walk.commands = False
+    assert walk.run(0.3).state is State.HOLD
+    assert np.allclose(walk.tick().targets.positions, held)
+    walk.run(3.0)
+    crouch = np.array(list(ROBOT.posture("crouch").values()))
+    walk.sample = replace(GOOD, servo_positions=crouch)
+    assert np.allclose(walk.run(1.0).targets.positions, crouch, atol=1e-6)
+    before = walk.tick().targets.positions
+    walk.commands = True
+    output = walk.tick()
+    assert output.state is State.FOLLOW
+    fastest = walk.supervisor.settings.approach_velocity * TICK * 1e-9
+    assert 0.0 < np.abs(output.targets.positions - before).max() <= fastest + 1e-12
+
+
+def test_power_comes_back_where_the_servos_are() -> None:
+    walk = Walk()
+    walk.sample = replace(GOOD, servo_positions=np.clip(NEUTRAL + 0.3, LOWER, UPPER))
+    walk.run(0.1)
+    walk.supervisor.release(walk.now)
+    assert np.abs(walk.tick().targets.positions - walk.sample.servo_positions).max() < 0.02
+
+
+def test_torque_is_limited_by_keeping_the_target_near() -> None:
+    walk = Walk(SafetySettings(torque_share=0.5)).released()
+    walk.target = UPPER
+    positions = walk.run(1.0).targets.positions
+    servo = ROBOT.servos["tail"]
+    reach = 0.5 * servo.max_torque / servo.proportional_gain
+    tail = SERVOS.index("tail")
+    assert positions[tail] == pytest.approx(NEUTRAL[tail] + reach)
+
+
+@pytest.mark.parametrize(
+    ("stamp", "names", "positions", "words"),
+    [
+        (0, SERVOS, NEUTRAL[:-1], "11 names but 10 positions"),
+        (0, SERVOS[:-1], NEUTRAL[:-1], "head_pan missing"),
+        (0, ("nose", *SERVOS[1:]), NEUTRAL, "unknown servo nose"),
+        (0, (SERVOS[1], *SERVOS[1:]), NEUTRAL, "missing"),
+        (0, SERVOS, [math.nan, *NEUTRAL[1:]], "front_left_hip is nan: must be finite"),
+        (0, SERVOS, [math.inf, *NEUTRAL[1:]], "must be finite"),
+        (-300_000_000, SERVOS, NEUTRAL, "stale: 0.300 s old"),
+        (100_000_000, SERVOS, NEUTRAL, "0.100 s in the future"),
+        (-TICK, SERVOS, NEUTRAL, "repeated"),
+        (-2 * TICK, SERVOS, NEUTRAL, "out of order"),
+    ],
+)
+def test_a_bad_command_is_refused_and_changes_nothing(stamp: int, names: tuple, positions: list, words: str) -> None:
+    walk = Walk().released()
+    before = walk.supervisor.accepted, walk.supervisor.command_stamp
+    with pytest.raises(RefusedCommandError, match=words):
+        walk.supervisor.take_command(walk.now + TICK + stamp, names, positions, walk.now + TICK)
+    assert (walk.supervisor.accepted, walk.supervisor.command_stamp) == before
+    assert walk.supervisor.refused == 1
+
+
+ANY_FLOAT = st.floats(width=64)
+EVENTS = st.one_of(
+    st.tuples(
+        st.just("command"),
+        st.integers(-(10**9), 10**9),
+        st.lists(st.sampled_from((*SERVOS, "nose", "")), max_size=3),
+        st.lists(ANY_FLOAT, max_size=len(SERVOS) + 2),
+    ),
+    st.tuples(
+        st.just("good"), st.integers(-(10**8), 10**8), st.just([]), st.lists(ANY_FLOAT, min_size=11, max_size=11)
+    ),
+    st.tuples(st.just("sensors"), st.just(0), st.just([]), st.lists(ANY_FLOAT, min_size=11, max_size=11)),
+    st.tuples(st.sampled_from(("release", "stop", "heard", "silent")), st.just(0), st.just([]), st.just([])),
+    st.tuples(st.just("wait"), st.integers(-(10**7), 2 * 10**9), st.just([]), st.just([])),
+)
+
+
+@given(st.lists(EVENTS, max_size=40))
+def test_nothing_that_comes_in_gets_an_unsafe_output_out(events: list) -> None:
+    now = START
+    supervisor = SafetySupervisor(ROBOT, now=now)
+    supervisor.take_sensors(GOOD, now)
+    supervisor.release(now)
+    last = supervisor.step(now).targets
+    for what, offset, odd_names, numbers in events:
+        now += TICK
+        match what:
+            case "command" | "good":
+                names = (*odd_names, *SERVOS[: len(numbers) - len(odd_names)]) if what == "command" else SERVOS
+                try:
+                    supervisor.take_command(now + offset, names, numbers, now)
+                except RefusedCommandError:
+                    assert supervisor.refused > 0
+            case "sensors":
+                values = np.array(numbers)
+                sample = replace(
+                    GOOD,
+                    servo_positions=values,
+                    servo_velocities=values[::-1],
+                    servo_currents=values,
+                    orientation=values[:4],
+                    battery_voltage=numbers[0],
+                )
+                supervisor.take_sensors(sample, now)
+            case "release":
+                supervisor.release(now)
+            case "stop":
+                supervisor.emergency_stop("a test")
+            case "heard":
+                supervisor.heard(now)
+            case "silent":
+                supervisor.device_silent("nobody answers", now)
+            case "wait":
+                now += offset
+        before = supervisor.state
+        output = supervisor.step(now)
+        positions = output.targets.positions
+        assert np.isfinite(positions).all()
+        assert (positions >= LOWER).all() and (positions <= UPPER).all()
+        assert output.targets.energised == (output.state is not State.LIMP)
+        if State.LIMP not in (before, output.state) and what not in ("release",):
+            # Never further than a servo turns in the longest tick that counts.
+            assert (np.abs(positions - last.positions) <= MAX_VELOCITY * 0.05 + 1e-9).all()
+        last = output.targets
+
+
+def test_the_table_stands_in_the_documentation() -> None:
+    page = Path(__file__).parents[3] / "docs" / "nermo_link.md"
+    assert table() in page.read_text(encoding="utf-8")

@@ -1,0 +1,135 @@
+"""The node at the workstation's end: sensor data into the graph, commands out of it, and the release."""
+
+from __future__ import annotations
+
+import math
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from link_rig import PATIENCE_S, ROBOT, SERVOS, Rig
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import BatteryState, Imu, JointState
+from std_srvs.srv import Trigger
+
+from nermo_hw.link.messages import DEFINITIONS, decode_command, encode_command
+from nermo_interfaces import msg
+from nermo_interfaces.msg import ServoCommand, ServoStates, Tactile
+from nermo_node import qos
+
+
+@pytest.fixture
+def bench() -> Iterator[Node]:
+    rclpy.init()
+    node = Node("bench", namespace="nermo")
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    yield node
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+def spin_until(node: Node, condition: Callable[[], object], what: str) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, f"waited in vain until {what}"
+        node.executor.spin_once(timeout_sec=0.05)
+
+
+def test_the_graph_moves_the_robot_at_the_far_end(bench: Node, tmp_path: Path) -> None:
+    rig = Rig(tmp_path, workstation=False)
+    code = "import sys; from nermo_hw.nodes.zenoh_link import main; sys.exit(main())"
+    arguments = ["--ros-args", "-r", "__ns:=/nermo", "-p", f"link:={rig.link}"]
+    node = subprocess.Popen([sys.executable, "-c", code, *arguments])
+    try:
+        seen: dict[str, object] = {}
+        for name, kind in (
+            ("servo_states", ServoStates),
+            ("imu/data_raw", Imu),
+            ("tactile", Tactile),
+            ("joint_states", JointState),
+            ("battery", BatteryState),
+        ):
+            bench.create_subscription(
+                kind, name, lambda message, name=name: seen.update({name: message}), qos.BEST_EFFORT
+            )
+        statuses: dict[str, str] = {}
+        bench.create_subscription(
+            DiagnosticArray,
+            "/diagnostics",
+            lambda message: statuses.update({status.name: status.message for status in message.status}),
+            10,
+        )
+        commands = bench.create_publisher(ServoCommand, "servo_command", qos.COMMAND)
+        spin_until(bench, lambda: len(seen) == 5, "all sensor data has come")
+        assert list(seen["servo_states"].name) == SERVOS
+        assert seen["battery"].voltage > 6.0
+        assert seen["imu/data_raw"].orientation.w == pytest.approx(1.0, abs=1e-3)
+        spin_until(bench, lambda: "robot_end: safety" in statuses, "the robot's diagnostics have come")
+        assert statuses["robot_end: safety"].startswith("limp: start")
+
+        client = bench.create_client(Trigger, "zenoh_link/release")
+        spin_until(bench, client.service_is_ready, "the service is there")
+
+        def released() -> bool:
+            future = client.call_async(Trigger.Request())
+            spin_until(bench, future.done, "the service answers")
+            return bool(future.result().success)
+
+        spin_until(bench, released, "the robot is released")
+        tail = SERVOS.index("tail")
+
+        def there() -> bool:
+            command = ServoCommand(name=SERVOS, position=[servo.neutral for servo in ROBOT.servos.values()])
+            command.position[tail] = 0.5
+            command.header.stamp = seen["servo_states"].header.stamp
+            commands.publish(command)
+            return abs(seen["servo_states"].position[tail] - 0.5) < 0.02
+
+        spin_until(bench, there, "the tail is there")
+        node.send_signal(signal.SIGINT)
+        assert node.wait(PATIENCE_S) == 0
+    finally:
+        node.kill()
+        node.wait()
+        rig.close()
+
+
+@pytest.mark.parametrize(
+    ("parameter", "words"), [("link:=/nowhere.yaml", "/nowhere.yaml"), ("endpoint:=tcp/1:2", "quic/ or tls/")]
+)
+def test_a_bad_parameter_ends_it_with_a_sentence(parameter: str, words: str) -> None:
+    code = "import sys; from nermo_hw.nodes.zenoh_link import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, "--ros-args", "-p", parameter]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert words in done.stdout + done.stderr
+
+
+def test_what_the_robot_writes_without_ros_is_what_ros_writes() -> None:
+    message = ServoCommand(name=["tail", "head_pan"], position=[0.25, -math.pi])
+    message.header.stamp.sec, message.header.stamp.nanosec = 12, 345
+    ours = encode_command(12_000_000_345, ["tail", "head_pan"], [0.25, -math.pi])
+    assert deserialize_message(ours, ServoCommand) == message
+    assert decode_command(serialize_message(message)) == (12_000_000_345, ["tail", "head_pan"], [0.25, -math.pi])
+
+
+def test_the_definitions_are_those_of_the_interfaces() -> None:
+    for name, text in DEFINITIONS.items():
+        kind = getattr(msg, name.split("/")[-1])
+        ours = {field: spelled for spelled, field in (line.split() for line in text.splitlines())}
+        theirs = {
+            field: spelled.replace("sequence<double>", "float64[]")
+            .replace("sequence<string>", "string[]")
+            .replace("double[4]", "float64[4]")
+            for field, spelled in kind.get_fields_and_field_types().items()
+        }
+        assert ours == theirs
