@@ -88,6 +88,21 @@ def test_a_cut_off_packet_does_not_hide_the_next():
     assert parser.flush() == [second]
 
 
+def test_of_two_overlapping_frames_with_right_checksums_the_later_is_taken_by_who_knows_what_can_come():
+    """The first was cut off after 5 of its 8 bytes of payload; three bytes of the second happen to complete it."""
+    second = Packet(CLASS, 7, 1, b"the true one")
+    raw = second.encode()
+    cut = bytearray(Packet(CLASS, 1, 2, bytes(8)).encode()[:10])
+    cut[-1] = (raw[3] - sum(cut[1:-1]) - sum(raw[:3])) % 256
+    stream = bytes(cut) + raw
+    assert len(Parser().feed(stream)) == 1  # takes the false one
+    for chunk in (15, 16, 40):
+        parser = Parser(known)
+        got = [packet for at in range(0, len(stream), chunk) for packet in parser.feed(stream[at : at + chunk])]
+        assert got == [second]
+        assert parser.garbage_bytes == len(cut)
+
+
 def test_statuses_have_names():
     assert status_name(Status.READ_ONLY) == "read only"
     assert status_name(0x77) == "status 0x77"

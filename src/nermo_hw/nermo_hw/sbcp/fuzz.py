@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 
 from nermo_hw.sbcp import boards
 from nermo_hw.sbcp.boards import BODY_BOARD, SERVO_BOARDS
-from nermo_hw.sbcp.packet import HEADER, MAX_PAYLOAD, OVERHEAD, DeviceClass, Packet, Status
+from nermo_hw.sbcp.packet import HEADER, OVERHEAD, DeviceClass, Packet, Status
 from nermo_hw.sbcp.parser import Parser, Plausible
 from nermo_hw.sbcp.plausible import plausible_answer
 
@@ -33,13 +33,13 @@ class FuzzReport:
     found: int = 0
     """Of these, found."""
     overlapped: int = 0
-    """Of these, not found because garbage and packet together made a frame with a right checksum before it."""
+    """Of these, not found because garbage and packet together made a frame with a right checksum."""
     accidental: int = 0
     """Frames with a right checksum that nobody had sent."""
     lost: int = 0
     """Packets not found for another reason."""
     wrong_checksums: int = 0
-    """Frames accepted that do not stand in the stream with a right checksum."""
+    """Frames accepted that do not stand in the stream, in this order and with a right checksum."""
     exceptions: int = 0
 
     @property
@@ -129,37 +129,26 @@ def _judge(
     except Exception:
         report.exceptions += 1
         return
-    expected = _frames(stream, plausible)
-    # The same frames in the same order as somebody finds who sees the whole stream: then their places are known.
-    if [packet.encode() for packet in got] != [stream[start:end] for start, end in expected]:
-        report.wrong_checksums += 1
-    starts = {start for start, _ in expected}
+    taken: dict[int, int] = {}
+    """Begin and end of each frame that was accepted, one after another in the stream."""
+    end = 0
+    for packet in got:
+        raw = packet.encode()  # with the right checksum
+        start = stream.find(raw, end)
+        if start < 0:
+            report.wrong_checksums += 1
+            continue
+        end = start + len(raw)
+        taken[start] = end
     for start, packet in sent.items():
         end = start + OVERHEAD + len(packet.payload)
-        if start in starts:
+        if start in taken:
             report.found += 1
-        elif any(other < end and start < other_end for other, other_end in expected):
+        elif any(other < end and start < other_end for other, other_end in taken.items()):
             report.overlapped += 1
         else:
             report.lost += 1
-    report.accidental += len(starts - sent.keys())
-
-
-def _frames(stream: bytes, plausible: Plausible | None) -> list[tuple[int, int]]:
-    """Begin and end of the frames of a whole stream, looked for in the plainest way."""
-    frames, position = [], 0
-    while position + OVERHEAD <= len(stream):
-        size = stream[position + 3]
-        end = position + OVERHEAD + size
-        whole = stream[position] == HEADER and size <= MAX_PAYLOAD and end <= len(stream)
-        if whole and sum(stream[position + 1 : end - 1]) % 256 == stream[end - 1]:
-            device_class, device_id, code = stream[position + 1], stream[position + 2], stream[position + 4]
-            if plausible is None or plausible(device_class, device_id, size, code):
-                frames.append((position, end))
-                position = end
-                continue
-        position += 1
-    return frames
+    report.accidental += len(taken.keys() - sent.keys())
 
 
 def main() -> int:

@@ -10,6 +10,9 @@ Plausible = Callable[[int, int, int, int], bool]
 """Whether a preamble can be meant: device class, ID, size, code."""
 
 
+_UNDECIDED = -1
+
+
 class Parser:
     """Cuts a stream into packets, and finds its way back from any garbage.
 
@@ -22,6 +25,7 @@ class Parser:
     def __init__(self, plausible: Plausible | None = None) -> None:
         self._plausible = plausible
         self._buffer = bytearray()
+        self._flushing = False
         self.corrupt = 0
         """Frames with a plausible preamble and a wrong checksum."""
         self.garbage_bytes = 0
@@ -63,20 +67,51 @@ class Parser:
                 self.garbage_bytes += 1
                 position += 1
                 continue
+            overlapping = self._overlapping(position, last)
+            if overlapping == _UNDECIDED:
+                break
+            if overlapping is not None:
+                self.corrupt += 1
+                self.garbage_bytes += overlapping - position
+                position = overlapping
+                continue
             packets.append(Packet(device_class, device_id, code, bytes(buffer[position + PREAMBLE : last])))
             position = last + 1
         del buffer[:position]
         return packets
+
+    def _overlapping(self, start: int, last: int) -> int | None:
+        """Where in the frame from `start` to `last` another one begins that ends after it, and has a right checksum.
+
+        Returns None where there is none, and `_UNDECIDED` where one may be under way.
+        """
+        if self._plausible is None:
+            return None
+        buffer, position = self._buffer, start
+        while (position := buffer.find(HEADER, position + 1, last + 1)) >= 0:
+            if len(buffer) - position < PREAMBLE:
+                return None  # too little to wait for: most such bytes are data
+            device_class, device_id, size, code = buffer[position + 1 : position + PREAMBLE]
+            end = position + OVERHEAD + size - 1
+            if size > MAX_PAYLOAD or end <= last or not self._plausible(device_class, device_id, size, code):
+                continue
+            if end >= len(buffer):
+                return None if self._flushing else _UNDECIDED
+            if checksum(buffer[position + 1 : end]) == buffer[end]:
+                return position
+        return None
 
     def flush(self) -> list[Packet]:
         """Says that the line has been quiet for longer than within a packet: what waits will never be complete.
 
         Returns the packets that a false or cut-off one was hiding.
         """
-        packets: list[Packet] = []
+        self._flushing = True
+        packets = self.feed(b"")
         while self._buffer:
             # The first byte is a header whose packet did not come; the next may be a true one.
             del self._buffer[0]
             self.garbage_bytes += 1
             packets += self.feed(b"")
+        self._flushing = False
         return packets
