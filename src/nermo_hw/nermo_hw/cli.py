@@ -398,7 +398,7 @@ def bench_serial(
     nermo bench serial --quick --fuzz
     nermo bench serial --duration 600 --real-time 60
     """
-    from nermo_hw import bench_serial as bench
+    from nermo_hw.bench import serial as bench
     from nermo_hw.sbcp.fuzz import fuzz as run_fuzzer
 
     duration, real_time = (50.0, 2.0) if quick else (duration, real_time)
