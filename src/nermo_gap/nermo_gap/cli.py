@@ -11,12 +11,15 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from nermo_gap.blind.cli import blind_app
 from nermo_gap.core.diagnose import Diagnosis, Options, diagnose, write_experiment, write_report
 from nermo_gap.core.errors import GapInputError
 from nermo_gap.core.library import load_effects
 from nermo_gap.core.mapping import load_map
 from nermo_gap.core.plant import build_plant, load_spec
 from nermo_gap.core.recording import load_table, recording_from_table
+from nermo_gap.report.evidence import gather
+from nermo_gap.report.html import write_page
 
 gap_app = typer.Typer(
     name="gap",
@@ -24,6 +27,9 @@ gap_app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
 )
+
+
+gap_app.add_typer(blind_app)
 
 
 @gap_app.callback()
@@ -36,7 +42,7 @@ def diagnose_command(
     recordings: Annotated[list[Path], typer.Argument(help="Tables (.csv, .npz, .parquet) with a header.")],
     model: Annotated[Path | None, typer.Option(help="The nominal model, an MJCF.")] = None,
     map_: Annotated[Path | None, typer.Option("--map", help="YAML that maps columns to actuators and sensors.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for diagnosis.json.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for diagnosis.json and report.html.")] = None,
     json_: Annotated[Path | None, typer.Option("--json", help="File for the diagnosis.")] = None,
     effects: Annotated[list[Path] | None, typer.Option(help="Python files with effects of your own.")] = None,
     only: Annotated[list[str] | None, typer.Option(help="Consider this effect only (may be repeated).")] = None,
@@ -69,6 +75,8 @@ def diagnose_command(
         write_experiment(found, out or json_.parent)  # type: ignore[union-attr]
     for path in filter(None, [json_, out / "diagnosis.json" if out else None]):
         write_report(found.report, path)
+    if out:
+        write_page(found.report, gather(found), out / "report.html")
     _print(found)
 
 

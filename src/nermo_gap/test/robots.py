@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.benchmark.robots import ARM, CART_POLE, LEG, MAPS, MODELS, PENDULUM, commands
+from nermo_gap.blind.robots import ARM, CART_POLE, LEG, MAPS, MODELS, PENDULUM, commands
 from nermo_gap.core.align import Aligned, align
 from nermo_gap.core.mapping import parse_map
 from nermo_gap.core.noise import noise_floor

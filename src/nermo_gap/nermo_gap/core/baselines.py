@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import logging
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -23,29 +24,23 @@ def fit_everything(fitter: Fitter, iterations: int = 6, seed: int = 0) -> dict[s
 
     No effects, no priors, white residuals: what a user gets who frees every number of the model.
     """
-    # Its typed half would hide the rest of mujoco, which is untyped, from the type checker.
-    sysid: Any = importlib.import_module("mujoco.sysid")
     fold = fitter.windows.fold
     train, test = np.flatnonzero(fold != 0), np.flatnonzero(fold == 0)
     step = max(len(train) // 40, 1)
     train = train[::step]
     none = np.zeros(0)
-    parameters = sysid.ParameterDict()
-    for nuisance in fitter.nuisances:
-        parameters.add(sysid.Parameter(nuisance.name, 0.0, -_FREE, _FREE))
 
-    def residual(x: Array, _: object) -> tuple[list[Array], None, None]:
+    def residual(x: Array) -> Array:
         points = np.atleast_2d(x.T) if x.ndim == 2 else x[None]
         values = [
             fitter.replay(Hypothesis(), [(none, p) for p in points[i : i + 16]], train)
             for i in range(0, len(points), 16)
         ]
         flat = np.concatenate(values).reshape(len(points), -1)
-        return [flat.T if x.ndim == 2 else flat[0]], None, None
+        result: Array = flat.T if x.ndim == 2 else flat[0]
+        return result
 
-    logging.getLogger("absl").setLevel(logging.ERROR)
-    fitted, _ = sysid.optimize(parameters, residual, optimizer="mujoco", verbose=False, max_iters=iterations, eps=1e-2)
-    z = np.asarray(fitted.as_vector(), float)
+    z = _optimize([n.name for n in fitter.nuisances], residual, iterations)
     square = fitter.mean_square(fitter.replay(Hypothesis(), [(none, z)], test)[0], test)
     before = fitter.mean_square(fitter.replay(Hypothesis(), [(none, np.zeros(len(fitter.nuisances)))], test)[0], test)
     blocks = [np.flatnonzero(fitter.windows.block[test] == b) for b in np.unique(fitter.windows.block[test])]
@@ -63,6 +58,31 @@ def fit_everything(fitter: Fitter, iterations: int = 6, seed: int = 0) -> dict[s
         "held_out": "fold 0",
         "method": "mujoco.sysid least squares of all nominal parameters, no priors, no effects",
     }
+
+
+def _optimize(names: list[str], residual: Callable[[Array], Array], iterations: int) -> Array:
+    """Least squares by mujoco.sysid; where its extra is not installed, by the optimizer that it would have called."""
+    # Its typed half would hide the rest of mujoco, which is untyped, from the type checker.
+    sysid: Any = importlib.import_module("mujoco.sysid")
+    if not hasattr(sysid, "optimize"):
+        minimize: Any = importlib.import_module("mujoco.minimize")
+        bounds = [np.full(len(names), -_FREE), np.full(len(names), _FREE)]
+        start = np.zeros(len(names))
+        found, _ = minimize.least_squares(start, residual, bounds, eps=1e-2, max_iter=iterations, verbose=0)
+        return np.asarray(found, float)
+    parameters = sysid.ParameterDict()
+    for name in names:
+        parameters.add(sysid.Parameter(name, 0.0, -_FREE, _FREE))
+    logging.getLogger("absl").setLevel(logging.ERROR)
+    fitted, _ = sysid.optimize(
+        parameters,
+        lambda x, _: ([residual(x)], None, None),
+        optimizer="mujoco",
+        verbose=False,
+        max_iters=iterations,
+        eps=1e-2,
+    )
+    return np.asarray(fitted.as_vector(), float)
 
 
 def best_in_sample(selector: Selector, singles: list[Scored], reference: Scored) -> dict[str, object]:

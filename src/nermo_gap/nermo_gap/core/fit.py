@@ -82,7 +82,7 @@ class Fit:
         residual: (nw, ns, nl) at (x, z).
         effect_jacobian: (ne, nw, ns, nl) by scaled parameter.
         held: (nw, nl) mean squares of each window under the fit that has not seen its fold; NaN where never held out.
-        fold_x: (nf, ne) values of each fold's fit.
+        fold_x, fold_z: (nf, ne) and (nf, nz) values of each fold's fit.
         covariance: of x.
     """
 
@@ -95,6 +95,7 @@ class Fit:
     held: Array = field(default_factory=lambda: np.zeros((0, 0)))
     fold_x: Array = field(default_factory=lambda: np.zeros((0, 0)))
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    fold_z: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def prior(self) -> float:
@@ -362,6 +363,7 @@ class Fitter:
             fit.held[test] = own[best][test]
             points.append(tried[best])
         fit.fold_x = np.array([x for x, _ in points]).reshape(len(points), len(fit.x))
+        fit.fold_z = np.array([z for _, z in points]).reshape(len(points), len(fit.z))
         _, _, normal = self.solve(
             fit.residual, fit.effect_jacobian, fit.z, np.full(len(fit.x), -1e3), np.full(len(fit.x), 1e3)
         )

@@ -6,8 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import pyarrow.csv
-import pyarrow.parquet
 from numpy.typing import NDArray
 
 from nermo_gap.core.errors import GapInputError, nearest
@@ -50,20 +48,29 @@ def load_table(path: str | Path) -> dict[str, Array]:
         raise GapInputError(f"{path}: no such recording")
     try:
         match path.suffix.lower():
-            case ".csv":
-                table = pyarrow.csv.read_csv(path)
-            case ".parquet":
-                table = pyarrow.parquet.read_table(path)
+            case ".csv" | ".parquet" as kind:
+                return _check_columns(_read_arrow(path, kind), path)
             case ".npz":
                 with np.load(path, allow_pickle=False) as archive:
                     return _check_columns({name: np.asarray(archive[name]) for name in archive.files}, path)
             case other:
                 raise GapInputError(f"{path}: a table is .csv, .npz or .parquet, not {other or 'without extension'}")
-    except (pyarrow.ArrowException, OSError, ValueError) as error:
+    except (OSError, ValueError) as error:
         if isinstance(error, GapInputError):
             raise
         raise GapInputError(f"{path}: cannot read the table ({' '.join(str(error).split())[:200]})") from error
-    return _check_columns({n: table.column(n).to_numpy(zero_copy_only=False) for n in table.column_names}, path)
+
+
+def _read_arrow(path: Path, kind: str) -> dict[str, NDArray[np.generic]]:
+    # Imported here: a machine that only reads NPZ needs no Arrow.
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    try:
+        table = pyarrow.csv.read_csv(path) if kind == ".csv" else pyarrow.parquet.read_table(path)
+    except pyarrow.ArrowException as error:
+        raise ValueError(str(error)) from error
+    return {n: table.column(n).to_numpy(zero_copy_only=False) for n in table.column_names}
 
 
 def _check_columns(columns: dict[str, NDArray[np.generic]], path: Path) -> dict[str, Array]:

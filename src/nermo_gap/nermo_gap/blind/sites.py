@@ -1,0 +1,156 @@
+"""Where a fault can sit in a robot, and which names count as having found the place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+_SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+_TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
+_SIDES = ("front", "rear", "left", "right")
+_PARTS = ("hip", "knee")
+
+
+@dataclass(frozen=True)
+class Site:
+    """A place: its public name, the names behind it (several for a group), and the names that point to the same place.
+
+    For a sensor the members are column names of the recording.
+    """
+
+    name: str
+    members: tuple[str, ...]
+    places: tuple[str, ...]
+
+
+def sites(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[Site]]:
+    """Sites of each kind: joint, driven, sprung, body, actuator, servo, play, cable, foot, ground, sensor, axes..."""
+    scalar = [j for j in range(model.njnt) if int(model.jnt_type[j]) in _SCALAR]
+    told = {row.get("actuator") for row in mapping["inputs"]}
+    actuators = [a for a in range(model.nu) if model.actuator(a).name in told]
+    feedback = [a for a in actuators if model.actuator_biasprm[a, 1] != 0]
+    servos = [a for a in feedback if model.actuator_trntype[a] != _TENDON]
+    # Cables only pull; a tendon that also pushes is a rod.
+    pulls = (model.actuator_forcelimited == 1) & (model.actuator_forcerange[:, 1] <= 0)
+    cables = [a for a in feedback if model.actuator_trntype[a] == _TENDON and pulls[a]]
+    driven = sorted({int(model.actuator_trnid[a, 0]) for a in actuators if model.actuator_trntype[a] != _TENDON})
+    still = model.body_weldid == 0
+    # Nobody can find a fault in what hardly weighs, or in a joint that is neither driven nor seen.
+    bodies = [b for b in range(1, model.nbody) if not still[b] and model.body_mass[b] > 0.02 * model.body_mass.sum()]
+    seen = {_joint_of(model, row) for row in mapping["outputs"]}
+    scalar = [j for j in scalar if j in driven or j in seen]
+    feet = [
+        g
+        for g in range(model.ngeom)
+        if not still[model.geom_bodyid[g]] and (model.geom_contype[g] or model.geom_conaffinity[g])
+    ]
+    floored = any(still[model.geom_bodyid[g]] for g in range(model.ngeom))
+    free = bool((model.jnt_type == mujoco.mjtJoint.mjJNT_FREE).any())
+
+    def of(kind: str, index: int) -> Site:
+        name = str(getattr(model, kind)(index).name)
+        return Site(name, (name,), tuple(sorted(_places(model, kind, index) | _measured_as(mapping, name))))
+
+    found = {
+        "joint": _grouped([of("joint", j) for j in scalar]),
+        "driven": _grouped([of("joint", j) for j in driven]),
+        "sprung": [of("joint", j) for j in scalar if model.jnt_stiffness[j] > 0],
+        "body": [of("body", b) for b in bodies],
+        "actuator": _grouped([of("actuator", a) for a in actuators]),
+        "servo": _grouped([of("actuator", a) for a in servos]),
+        "play": [of("actuator", a) for a in servos],
+        "cable": [of("tendon", int(model.actuator_trnid[a, 0])) for a in cables],
+        "strap": [of("tendon", t) for t in range(model.ntendon) if model.tendon_limited[t]],
+        "foot": [of("geom", g) for g in feet] if floored else [],
+        "ground": [Site("all", ("all",), ("all",))] if floored and free else [],
+        "all": [Site("all", ("all",), ("all",))],
+        "supply": [Site("all", ("all",), ("all",))] if len(servos) > 1 else [],
+    }
+    if len(found["foot"]) > 1:
+        every = tuple(s.name for s in found["foot"])
+        found["foot"] = [*found["foot"], Site("all", every, ("all", *every))]
+    return found | _sensors(model, mapping)
+
+
+def _sensors(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[Site]]:
+    single, axes = [], []
+    vectors: dict[str, list[str]] = {}
+    for row in mapping["outputs"]:
+        name = row.get("sensor") or row.get("joint") or row.get("body")
+        if "component" in row:
+            vectors.setdefault(name if "sensor" in row else "", []).append(row["column"])
+            continue
+        places = {name}
+        if "sensor" in row:
+            joint = int(model.sensor_objid[model.sensor(name).id])
+            places |= _places(model, "joint", joint)
+        elif "joint" in row:
+            places |= _places(model, "joint", model.joint(name).id)
+        single.append(Site(name, (row["column"],), tuple(sorted(places))))
+    for name, columns in vectors.items():
+        if name and len(columns) == 3:
+            near = {name, *columns, *(f"{name}:{c}" for c in columns)}
+            axes.append(Site(name, tuple(columns), tuple(sorted(near))))
+    return {"sensor": single, "axes": axes}
+
+
+def _joint_of(model: mujoco.MjModel, row: dict[str, Any]) -> int:
+    """The joint that an output measures, or -1."""
+    if "joint" in row:
+        return int(model.joint(row["joint"]).id)
+    if "sensor" in row and model.sensor_objtype[model.sensor(row["sensor"]).id] == mujoco.mjtObj.mjOBJ_JOINT:
+        return int(model.sensor_objid[model.sensor(row["sensor"]).id])
+    return -1
+
+
+def _grouped(single: list[Site]) -> list[Site]:
+    """The sites and their groups: front, rear, left, right, all_hips, all_knees."""
+    found = list(single)
+    for word in (*_SIDES, *_PARTS):
+        members = [s for s in single if word in s.name.split("_")]
+        if 1 < len(members) < len(single):
+            name = word if word in _SIDES else f"all_{word}s"
+            places = {p for s in members for p in s.places} | {name}
+            found.append(Site(name, tuple(s.name for s in members), tuple(sorted(places))))
+    return found
+
+
+def _places(model: mujoco.MjModel, kind: str, index: int) -> set[str]:
+    """Names of the part that this element belongs to: a joint with its body, its drive and its sensors."""
+    if kind == "body":
+        first, count = int(model.body_jntadr[index]), int(model.body_jntnum[index])
+        own = {str(model.body(index).name)}
+        scalar = [j for j in range(first, first + count) if int(model.jnt_type[j]) in _SCALAR]
+        return own.union(*(_places(model, "joint", j) for j in scalar))
+    if kind == "geom":
+        return {str(model.geom(index).name)} | _places(model, "body", int(model.geom_bodyid[index]))
+    if kind == "actuator":
+        target = int(model.actuator_trnid[index, 0])
+        through = "tendon" if model.actuator_trntype[index] == _TENDON else "joint"
+        return {str(model.actuator(index).name)} | _places(model, through, target)
+    if kind == "tendon":
+        first, count = int(model.tendon_adr[index]), int(model.tendon_num[index])
+        parts = range(first, first + count)
+        joints = [int(model.wrap_objid[w]) for w in parts if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_JOINT]
+        return {str(model.tendon(index).name)}.union(*(_places(model, "joint", j) for j in joints))
+    found = {str(model.joint(index).name), str(model.body(int(model.jnt_bodyid[index])).name)}
+    for a in range(model.nu):
+        through_tendon = model.actuator_trntype[a] == _TENDON
+        target = int(model.actuator_trnid[a, 0])
+        if through_tendon:
+            first, count = int(model.tendon_adr[target]), int(model.tendon_num[target])
+            if index in model.wrap_objid[first : first + count]:
+                found |= {str(model.actuator(a).name), str(model.tendon(target).name)}
+        elif target == index:
+            found.add(str(model.actuator(a).name))
+    joint_sensors = np.isin(model.sensor_objtype, [int(mujoco.mjtObj.mjOBJ_JOINT)])
+    found |= {str(model.sensor(int(s)).name) for s in np.flatnonzero(joint_sensors & (model.sensor_objid == index))}
+    return found
+
+
+def _measured_as(mapping: dict[str, Any], name: str) -> set[str]:
+    """Columns that measure this very joint or body."""
+    return {row["column"] for row in mapping["outputs"] if name in (row.get("joint"), row.get("body"))}
