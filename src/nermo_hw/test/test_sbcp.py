@@ -97,7 +97,7 @@ def test_of_two_overlapping_frames_with_right_checksums_the_later_is_taken_by_wh
     stream = bytes(cut) + raw
     assert len(Parser().feed(stream)) == 1  # takes the false one
     for chunk in (15, 16, 40):
-        parser = Parser(known)
+        parser = Parser(known, prefer_later=True)
         got = [packet for at in range(0, len(stream), chunk) for packet in parser.feed(stream[at : at + chunk])]
         assert got == [second]
         assert parser.garbage_bytes == len(cut)

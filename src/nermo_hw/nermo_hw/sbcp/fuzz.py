@@ -119,7 +119,7 @@ def _mutated(dice: random.Random) -> bytes:
 def _judge(
     stream: bytes, sent: dict[int, Packet], dice: random.Random, plausible: Plausible | None, report: FuzzReport
 ) -> None:
-    parser, got, position = Parser(plausible), [], 0
+    parser, got, position = Parser(plausible, prefer_later=True), [], 0
     try:
         while position < len(stream):
             step = dice.randrange(1, 400)

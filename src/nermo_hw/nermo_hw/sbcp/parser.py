@@ -10,20 +10,18 @@ Plausible = Callable[[int, int, int, int], bool]
 """Whether a preamble can be meant: device class, ID, size, code."""
 
 
-_UNDECIDED = -1
-
-
 class Parser:
     """Cuts a stream into packets, and finds its way back from any garbage.
 
     A header byte that turns out to be none costs nothing but itself: the search goes on with the byte after it, so that
     a packet that begins inside a false one is found. An 8-bit sum lets one false frame in 256 through; who knows what
-    can come says so with `plausible`, which is asked as soon as a preamble is complete, and thereby makes accidents
-    rare enough to forget (see the fuzzer).
+    can come says so with `plausible`, which is asked as soon as a preamble is complete. Where that knows so much that
+    data hardly ever look like a preamble, `prefer_later` takes the later of two frames with right checksums that
+    overlap: the earlier was cut off, and what followed happened to fit.
     """
 
-    def __init__(self, plausible: Plausible | None = None) -> None:
-        self._plausible = plausible
+    def __init__(self, plausible: Plausible | None = None, prefer_later: bool = False) -> None:
+        self._plausible, self._prefer_later = plausible, prefer_later
         self._buffer = bytearray()
         self._flushing = False
         self.corrupt = 0
@@ -62,44 +60,41 @@ class Parser:
             last = position + OVERHEAD + size - 1
             if last >= end:
                 break
-            if checksum(buffer[position + 1 : last]) != buffer[last]:
+            wrong = checksum(buffer[position + 1 : last]) != buffer[last]
+            hides = not wrong and self._hides_another(position, last)
+            if hides is None:
+                break
+            if wrong or hides:
                 self.corrupt += 1
                 self.garbage_bytes += 1
                 position += 1
-                continue
-            overlapping = self._overlapping(position, last)
-            if overlapping == _UNDECIDED:
-                break
-            if overlapping is not None:
-                self.corrupt += 1
-                self.garbage_bytes += overlapping - position
-                position = overlapping
                 continue
             packets.append(Packet(device_class, device_id, code, bytes(buffer[position + PREAMBLE : last])))
             position = last + 1
         del buffer[:position]
         return packets
 
-    def _overlapping(self, start: int, last: int) -> int | None:
-        """Where in the frame from `start` to `last` another one begins that ends after it, and has a right checksum.
+    def _hides_another(self, start: int, last: int) -> bool | None:
+        """Whether within the frame from `start` to `last` another begins, with a right checksum; None: not yet known.
 
-        Returns None where there is none, and `_UNDECIDED` where one may be under way.
+        Then this one was cut off, and what followed happened to fit.
         """
-        if self._plausible is None:
-            return None
+        if not self._prefer_later or self._plausible is None:
+            return False
         buffer, position = self._buffer, start
         while (position := buffer.find(HEADER, position + 1, last + 1)) >= 0:
             if len(buffer) - position < PREAMBLE:
-                return None  # too little to wait for: most such bytes are data
+                return False  # too little to wait for: most such bytes are data
             device_class, device_id, size, code = buffer[position + 1 : position + PREAMBLE]
             end = position + OVERHEAD + size - 1
-            if size > MAX_PAYLOAD or end <= last or not self._plausible(device_class, device_id, size, code):
+            if size > MAX_PAYLOAD or not self._plausible(device_class, device_id, size, code):
                 continue
             if end >= len(buffer):
-                return None if self._flushing else _UNDECIDED
-            if checksum(buffer[position + 1 : end]) == buffer[end]:
-                return position
-        return None
+                if not self._flushing:
+                    return None
+            elif checksum(buffer[position + 1 : end]) == buffer[end]:
+                return True
+        return False
 
     def flush(self) -> list[Packet]:
         """Says that the line has been quiet for longer than within a packet: what waits will never be complete.

@@ -36,7 +36,7 @@ class Line:
         self.name, self.timeout = port, timeout
         self.counters = LineCounters()
         self._plausible = plausible
-        self._parser = Parser(plausible)
+        self._parser = Parser(plausible, prefer_later=True)
         self._port: Any = None
 
     @property
@@ -48,7 +48,7 @@ class Line:
         """Opens the port; counting starts anew. Raises LineError."""
         self.close()
         self.counters = LineCounters()
-        self._parser = Parser(self._plausible)
+        self._parser = Parser(self._plausible, prefer_later=True)
         self._port = open_port(self.name, self.timeout)
 
     def close(self) -> None:
