@@ -125,9 +125,8 @@ class RobotEnd:
         self._link = LinkEnd(link, Side.ROBOT, self._on_message, self._clock, self._on_heard)
         self._link.answer_release(self._release)
         self._releasing = threading.Event()
-        if release:
-            self._releasing.set()
-        self._released, self._answering = threading.Event(), threading.Event()
+        self._auto_release, self._auto_release_at = release, 0.0
+        self._released = threading.Event()
         self._left = ""
         self._stopping = threading.Event()
         self._stop_pressed = False
@@ -195,10 +194,8 @@ class RobotEnd:
     def _release(self) -> str:
         """Answers the service; the tick does it, because the line is its own."""
         self._released.clear()
-        self._answering.set()
         self._releasing.set()
         done = self._released.wait(1.5)
-        self._answering.clear()
         return self._left if done else "the control loop does not answer"
 
     def _refuse(self, why: str) -> None:
@@ -210,10 +207,12 @@ class RobotEnd:
     def _tick(self) -> None:
         with self._lock:
             self._take_command()
-            if self._releasing.is_set() and (self._open or self._answering.is_set()):
+            if self._releasing.is_set():
                 self._left = self._do_release()
                 self._releasing.clear()
                 self._released.set()
+            elif self._may_release_unasked():
+                self._do_release()
             output = self._supervisor.step(self._clock())
             sample = self._exchange(output.targets)
             if sample is not None:
@@ -223,6 +222,15 @@ class RobotEnd:
             for topic, payload in self._messages.of(sample, self._link.is_due):
                 self._link.send(topic, payload)
         self._diagnose(output)
+
+    def _may_release_unasked(self) -> bool:
+        if not (self._auto_release and self._open and self._supervisor.waits_for_the_line_only):
+            return False
+        now = time.monotonic()
+        due = now >= self._auto_release_at
+        if due:
+            self._auto_release_at = now + REOPEN_PERIOD
+        return due
 
     def _take_command(self) -> None:
         payload = self._newest.take()
@@ -350,7 +358,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--namespace", help="of the ROS topics, instead of what the file says")
     parser.add_argument(
-        "--release", action="store_true", help="give the servos power at the start, unasked: for emulated robots"
+        "--release",
+        action="store_true",
+        help="give power unasked, at the start and when the device was away: for emulated robots",
     )
     parser.add_argument("--calibration", type=Path, help="file that `nermo hw calibrate` wrote")
     parser.add_argument(

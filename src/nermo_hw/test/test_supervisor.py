@@ -142,6 +142,22 @@ def test_a_release_leaves_what_still_holds() -> None:
     assert walk.run(0.1).state is State.LIMP
 
 
+def test_it_says_when_only_the_line_has_to_be_released() -> None:
+    walk = Walk()
+    walk.tick()
+    assert walk.supervisor.waits_for_the_line_only
+    walk.released()
+    assert not walk.supervisor.waits_for_the_line_only
+    change(walk, Cause.LINE_LOST)
+    walk.run(0.5)
+    assert not walk.supervisor.waits_for_the_line_only
+    walk.sample = GOOD
+    walk.run(0.1)
+    assert walk.supervisor.waits_for_the_line_only
+    walk.supervisor.emergency_stop("a test")
+    assert not walk.supervisor.waits_for_the_line_only
+
+
 def test_link_loss_needs_a_link_that_was_there() -> None:
     walk = Walk()
     walk.heard = False

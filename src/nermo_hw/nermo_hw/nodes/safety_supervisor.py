@@ -36,7 +36,9 @@ class SafetySupervisorParameters(SafetySettings):
     """Parameters of the node."""
 
     robot: str = Field("nermo_lite", description="Name of the robot, or path of its parameter file")
-    auto_release: bool = Field(False, description="Give power at the start without being asked: for emulated robots")
+    auto_release: bool = Field(
+        False, description="Give power unasked, at the start and when the device was away: for emulated robots"
+    )
 
 
 class SafetySupervisorNode(Node):
@@ -99,8 +101,7 @@ class SafetySupervisorNode(Node):
             limp=False,
         )
         self._supervisor.take_sensors(sample, now)
-        if self._auto_release:
-            self._auto_release = False
+        if self._auto_release and self._supervisor.waits_for_the_line_only:
             self._supervisor.release(now)
         self._decide()
 

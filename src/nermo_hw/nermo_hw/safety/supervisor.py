@@ -169,6 +169,12 @@ class SafetySupervisor:
         self._begin_softly()
         return "; ".join(self.reason(cause) for cause in self._holding(now) if RULE_OF[cause].latched)
 
+    @property
+    def waits_for_the_line_only(self) -> bool:
+        """Whether nothing is latched but the start and a line or device that is there again."""
+        line = {Cause.START, Cause.LINE_LOST, Cause.DEVICE_LIMP}
+        return bool(self._latched) and self._latched <= line and Cause.LINE_LOST not in self._since
+
     # What goes out
 
     def step(self, now: int) -> Output:
