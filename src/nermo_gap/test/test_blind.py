@@ -53,12 +53,12 @@ def _truth(robot: str = "arm", soft: dict[str, Soft] | None = None, spread: floa
     return build(chosen.spec(), chosen.mapping, np.random.default_rng(1), soft, between, chosen.start)
 
 
-def _commands(truth: Truth, robot: str = "arm", seconds: float = 2.0) -> Array:
+def _commands(truth: Truth, robot: str = "arm", seconds: float = 1.5) -> Array:
     chosen = robot_of(robot)
     return told(truth.model, chosen.mapping, chosen.commands(3, int(seconds / PERIOD)))
 
 
-def _run(truth: Truth, robot: str = "arm", seconds: float = 2.0) -> Run:
+def _run(truth: Truth, robot: str = "arm", seconds: float = 1.5) -> Run:
     return record(truth, _commands(truth, robot, seconds), {}, np.random.default_rng(0))
 
 

@@ -152,15 +152,16 @@ def alternatives(report: Report) -> Figure:
     figure = Figure(figsize=(_WIDTH, 0.6 + 0.36 * len(bars)), layout="constrained")
     axes = figure.subplots()
     for i, (_, value, colour) in enumerate(bars):
-        axes.barh(i, value, 0.58, color=colour)
-        axes.text(value, i, f"  {value:.2f}", va="center", fontsize=9, color=INK)
-    axes.axvline(1.0, color=INK, linewidth=0.9, linestyle=(0, (3, 3)))
-    axes.text(1.0, -0.72, " 1 = as good as repeating the experiment", fontsize=8.5, color=INK, va="center")
+        axes.plot([1.0, value], [i, i], color=LINE, linewidth=4, zorder=1)
+        axes.plot(value, i, "o", color=colour, markersize=9)
+        axes.annotate(
+            f"{value:.2f}", (value, i), (9, 0), textcoords="offset points", va="center", fontsize=9, color=INK
+        )
+    _noise_floor(axes)
     axes.set_yticks(range(len(bars)), [b[0] for b in bars])
-    axes.set_ylim(len(bars) - 0.5, -1.0)
-    axes.set_xlim(0.0, 1.12 * max(b[1] for b in bars))
-    calm(axes)
-    axes.set_xticks([])
+    axes.set_ylim(len(bars) - 0.4, -0.6)
+    _log_gap(axes, [b[1] for b in bars])
+    calm(axes, "x")
     return figure
 
 
@@ -177,18 +178,31 @@ def channels(report: Report) -> Figure | None:
         axes.plot([before, after], [i, i], color=LINE, linewidth=4, zorder=1)
         axes.plot(before, i, "o", color=BEFORE, markersize=8, label="before" if i == 0 else None)
         axes.plot(after, i, "o", color=AFTER, markersize=8, label="after" if i == 0 else None)
-    axes.axvline(1.0, color=INK, linewidth=0.9, linestyle=(0, (3, 3)))
-    axes.set_xscale("log")
-    low, high = axes.get_xlim()
-    ticks = [t for t in (0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if low <= t <= high]
-    axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
-    axes.minorticks_off()
+    _noise_floor(axes)
+    _log_gap(axes, [table[n][when] for n in names for when in ("before", "after")])
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names) - 0.4, -0.6)
-    axes.set_xlabel("held-out gap [noise floors]", fontsize=9, color=INK)
     axes.legend(frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     calm(axes, "x")
     return figure
+
+
+def _noise_floor(axes: Axes) -> None:
+    axes.axvline(1.0, color=INK, linewidth=0.9, linestyle=(0, (3, 3)))
+
+
+def _log_gap(axes: Axes, values: list[float]) -> None:
+    """A logarithmic axis of gaps with round numbers."""
+    low, high = min(0.8, 0.9 * max(min(values), 0.05)), 1.6 * max(*values, 1.2)
+    axes.set_xscale("log")
+    axes.set_xlim(low, high)
+    ticks = [m * 10.0**e for e in range(-2, 6) for m in (1, 2, 5)]
+    ticks = [t for t in ticks if low <= t <= high][:: 1 if high / low < 3e3 else 3]
+    axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
+    axes.minorticks_off()
+    axes.set_xlabel(
+        "held-out gap [noise floors]; the dashed line is as good as repeating the experiment", fontsize=9, color=INK
+    )
 
 
 def curves(evidence: Evidence) -> Figure | None:
@@ -205,9 +219,9 @@ def curves(evidence: Evidence) -> Figure | None:
                 axes.axis("off")
                 continue
             w = windows[c]
-            axes.plot(w.time, w.nominal, color=BEFORE, linewidth=1.5, label="nominal model")
-            axes.plot(w.time, w.after, color=AFTER, linewidth=1.8, label="with what was found")
-            axes.plot(w.time, w.measured, color=MEASURED, linewidth=0, marker=".", markersize=2.2, label="measured")
+            axes.plot(w.time, w.measured, color=MEASURED, linewidth=5, label="measured", solid_capstyle="round")
+            axes.plot(w.time, w.nominal, color=BEFORE, linewidth=1.6, label="nominal model")
+            axes.plot(w.time, w.after, color=AFTER, linewidth=1.6, label="with what was found")
             _frame_to(axes, w.measured, w.nominal, w.after)
             calm(axes, "y")
             axes.tick_params(labelsize=8)

@@ -56,11 +56,10 @@ def write_page(report: Report, evidence: Evidence, path: Path) -> Path:
     Raises:
         GapInputError: it cannot be written.
     """
-    text = page(report, evidence)
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(text, encoding="utf-8")
+        partial.write_text(page(report, evidence), encoding="utf-8")
         partial.replace(path)
     except OSError as error:
         raise GapInputError(f"{path} cannot be written: {error.strerror}") from error

@@ -101,10 +101,14 @@ def how_far(report: Report) -> str:
 
 def plain(key: str) -> str:
     """name@site in words."""
-    return ", ".join(
-        f"{part.split('@')[0].replace('_', ' ')} at {part.split('@')[1]}" if "@" in part else part
-        for part in key.split(" + ")
-    )
+    return ", ".join(_part(part) for part in key.split(" + "))
+
+
+def _part(part: str) -> str:
+    if "@" not in part:
+        return part
+    name, site = part.split("@", 1)
+    return f"{name.replace('_', ' ')} {'everywhere' if site == 'all' else 'at ' + site.replace('_', ' ')}"
 
 
 def meaning(name: str) -> str:

@@ -10,7 +10,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 INK, QUIET, LINE = "#1f2a33", "#8a949c", "#e3e7ea"
-BEFORE, AFTER, MEASURED = "#c8641b", "#1f6aa5", "#1f2a33"
+BEFORE, AFTER, MEASURED = "#c8641b", "#1f6aa5", "#cfd6db"
 UNSEEN = "#dfe4e8"
 HEAT = LinearSegmentedColormap.from_list("gap", ["#f4f1ea", "#f3d9a4", "#e8a04c", "#b9561b", "#6d2709"])
 COOL = LinearSegmentedColormap.from_list("angle", ["#123a5c", "#3f7cad", "#a9c8de", "#f2f5f7"])
