@@ -17,10 +17,13 @@ CONTROL = {"gait_knowledge_base", "high_level_controller", "motion_module", "tra
 )
 def test_every_variant_has_its_nodes_once(target, teleop, record):
     nodes = load(FILE, {"target": target, "teleop": teleop, "record": record}).nodes
-    body = {"sim": "mujoco_sim", "serial": "serial_driver", "link": "zenoh_link"}[target]
-    wanted = CONTROL | {body, "leg_load_estimator"}
+    body = {
+        "sim": {"mujoco_sim"},
+        "serial": {"device_emulator", "serial_driver", "safety_supervisor"},
+        "link": {"device_emulator", "robot_end", "zenoh_link"},
+    }[target]
+    wanted = CONTROL | body | {"leg_load_estimator"}
     wanted |= {"joystick", "teleop"} if teleop != "none" else set()
-    wanted |= {"device_emulator"} if target == "serial" else set()
     wanted |= {"recorder"} if record != "none" else set()
     assert sorted(node.name for node in nodes) == sorted(wanted)
     assert {node.namespace for node in nodes} == {"/nermo"}
