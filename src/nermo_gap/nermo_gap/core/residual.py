@@ -92,10 +92,9 @@ class Residuals:
         basis, shrink = (self._basis, self._shrink) if select is None else (self._basis[select], self._shrink[select])
         if basis.shape[-1] == 0:
             return raw
-        flat = raw.reshape(*raw.shape[:-2], -1)
-        amounts = np.einsum("wmk,...wm->...wk", basis, flat, optimize=True) * shrink
-        flat = flat - np.einsum("wmk,...wk->...wm", basis, amounts, optimize=True)
-        return flat.reshape(raw.shape)
+        flat = np.moveaxis(raw.reshape(-1, *raw.shape[-3:-2], basis.shape[1]), 1, 0)
+        flat = flat - ((flat @ basis) * shrink[:, None, :]) @ np.swapaxes(basis, 1, 2)
+        return np.moveaxis(flat, 0, 1).reshape(raw.shape)
 
     def of(self, variants: list[Variant], select: Ints | None = None, which: Ints | None = None) -> Array:
         """Residuals (nv, nw, ns, nl) of variants; ``which`` as in Replayer.run."""
@@ -123,8 +122,11 @@ class Residuals:
             amounts = np.einsum("wmk,wm->wk", basis, raw[0])
             fit = (raw[0] ** 2).sum() - (amounts**2 * scale**2 / (1.0 + scale**2)).sum()
             tried.append((fit + np.log1p(scale**2).sum(), level, basis, scale))
-        _, self.input_error, self._basis, scale = min(tried, key=lambda t: t[0])
-        self._shrink = 1.0 - 1.0 / np.sqrt(1.0 + scale**2)
+        _, self.input_error, basis, scale = min(tried, key=lambda t: t[0])
+        # Errors that do not show are left out: they cost time.
+        kept = int((scale > 0.1).any(axis=0).sum())
+        self._basis = np.ascontiguousarray(basis[..., :kept])
+        self._shrink = 1.0 - 1.0 / np.sqrt(1.0 + scale[:, :kept] ** 2)
 
     def _input_responses(self, reference: Variant, base: Array) -> tuple[Array, Array]:
         """Responses (nw, m, k) to errors of measured inputs: white noise, and a wander of their root mean square."""

@@ -17,6 +17,8 @@ Ints = NDArray[np.int64]
 
 WINDOWS = 18
 """Windows used for screening."""
+_JOBS, _FEWEST = 500, 6
+"""With more start values than this (a robot with many joints), each gets fewer windows, down to six."""
 _BATCH = 24
 
 
@@ -54,10 +56,11 @@ def screen(
     The residual at a start value is a true replay; between it and the residual without the effect, and in the
     nuisances, it is taken for linear. One start is kept for each candidate.
     """
-    select = informative_windows(fitter, fit)
+    jobs = [(effect, np.array(start)) for effect in effects for start in effect.starts()]
+    count = int(np.clip(WINDOWS * _JOBS / max(len(jobs), 1), _FEWEST, WINDOWS))
+    select = informative_windows(fitter, fit, count)
     base = fit.residual[select]
     project = _projector(fitter, base, select)
-    jobs = [(effect, np.array(start)) for effect in effects for start in effect.starts()]
     best: dict[int, Screened] = {}
     for first in range(0, len(jobs), _BATCH):
         part = jobs[first : first + _BATCH]
