@@ -25,7 +25,7 @@ from nermo_hw.link.keys import make_keys
 from nermo_hw.link.messages import encode_bool, encode_command
 from nermo_hw.link.session import LinkError
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 ROBOT = load_robot("nermo_lite")
 SERVOS = list(ROBOT.servos)
 WITHOUT_ROS = "import sys; sys.modules['rclpy'] = None; from nermo_hw.robot_end import main; sys.exit(main())"

@@ -23,7 +23,7 @@ from nermo_hw.link.keys import KeysError, make_keys
 from nermo_hw.link.messages import decode_command, encode_bool, encode_command
 from nermo_hw.link.session import LinkError, zenoh_settings
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 MS = 1_000_000
 
 

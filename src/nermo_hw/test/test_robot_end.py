@@ -85,7 +85,7 @@ def test_it_ends_limp_when_it_is_told_to(rig: Rig) -> None:
     ],
 )
 def test_wrong_usage_is_said_in_one_sentence(arguments: list[str], status: int, words: str) -> None:
-    done = subprocess.run([sys.executable, "-c", WITHOUT_ROS, *arguments], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", WITHOUT_ROS, *arguments], capture_output=True, text=True, timeout=120)
     assert done.returncode == status
     assert words in done.stderr
     assert "Traceback" not in done.stderr

@@ -22,7 +22,7 @@ from nermo_hw.device.setup import EmulatorSettings, make_emulator
 from nermo_interfaces.msg import ServoCommand, ServoStates
 from nermo_node import qos
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 ROBOT = load_robot("nermo_lite")
 
 

@@ -109,7 +109,7 @@ def test_the_graph_moves_the_robot_at_the_far_end(bench: Node, tmp_path: Path) -
 def test_a_bad_parameter_ends_it_with_a_sentence(parameter: str, words: str) -> None:
     code = "import sys; from nermo_hw.nodes.zenoh_link import main; sys.exit(main())"
     command = [sys.executable, "-c", code, "--ros-args", "-p", parameter]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.returncode == 2
     assert words in done.stdout + done.stderr
 

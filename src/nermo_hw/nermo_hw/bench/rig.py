@@ -23,7 +23,7 @@ from nermo_hw.link.config import DEFAULT
 from nermo_hw.link.keys import make_keys
 from nermo_hw.types import LineError
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 PORT = 7447
 
 
