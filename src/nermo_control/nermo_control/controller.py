@@ -8,7 +8,7 @@ from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.gait.trajectory import TrajectoryGenerator
 from nermo_control.high_level_controller import HighLevelController, HighLevelControllerConfig
 from nermo_control.motion_module import MotionModule, MotionModuleConfig
-from nermo_control.types import ControlCommand, Imu, MotionOutput, Odometry
+from nermo_control.types import ControlCommand, Imu, LegLoads, MotionOutput, Odometry
 from nermo_description.parameters import RobotParameters
 
 LOCKSTEP_HIGH_LEVEL = HighLevelControllerConfig(lockstep=True)
@@ -43,10 +43,11 @@ class Controller:
         odometry: Odometry | None,
         servo_positions: Sequence[float],
         imu: Imu | None = None,
+        loads: LegLoads | None = None,
     ) -> MotionOutput:
         """One control tick at `stamp` [ns]: servo commands [rad] from the command and the sensor data of that tick."""
         motion_command = self.high_level_controller.step(stamp, control_command, odometry)
-        output = self.motion_module.step(stamp, motion_command, servo_positions, imu)
+        output = self.motion_module.step(stamp, motion_command, servo_positions, imu, loads)
         for trajectory in self.trajectory_generator.step(output.leg_states):
             self.motion_module.accept(trajectory)
         return output

@@ -20,16 +20,19 @@ from nermo_control.gait.trajectory import foot_position
 from nermo_control.head import GazeController, GazeMode
 from nermo_control.inbox import Inbox
 from nermo_control.leg_controller import LegController
+from nermo_control.oscillators.legs import Coordination, OscillatorLegs, OscillatorSettings
 from nermo_control.spine.controller import SpineController
 from nermo_control.tail import TailController, TailMode
 from nermo_control.turning import leg_modulation
-from nermo_control.types import FootTrajectory, Four, Imu, LegStates, MotionCommand, MotionOutput, Posture
+from nermo_control.types import FootTrajectory, Four, Imu, LegLoads, LegStates, MotionCommand, MotionOutput, Posture
 from nermo_control.validation import motion_command_error
 from nermo_description.parameters import RobotParameters
 
 Source = Literal["trajectory_generator", "gait_knowledge_base"]
 """A node whose silence stops the mouse."""
 
+GRAVITY = 9.81
+"""[m/s^2]"""
 _ELSEWHERE = Posture.STOP
 """Where a body stands that was stopped on its way: in no posture that has a name."""
 _STANDING_STILL: Four = (0.0, 0.0, 0.0, 0.0)
@@ -77,6 +80,12 @@ class MotionModuleConfig(BaseModel):
         "lumbar servo it does nothing",
         json_schema_extra={"unit": "rad"},
     )
+    coordination: Coordination = Field(
+        "timed",
+        description="Who lifts a foot: the gait's clock, coupled oscillators (cpg), or the legs' loads (tegotae)",
+        json_schema_extra={"readOnly": True},
+    )
+    oscillators: OscillatorSettings = OscillatorSettings()
     lockstep: bool = Field(
         False,
         description="The robot waits for each answer, so nothing is ever silent",
@@ -107,11 +116,12 @@ class MotionModule:
         self._config = config or MotionModuleConfig()
         self._robot = robot
         self._period = period_ns
-        self._legs = LegStateMachine(period_ns)
+        self._legs = self._make_legs()
         self._spine = SpineController(robot, gait_parameters, period_ns)
         self._head = GazeController(robot, period_ns)
         self._tail = TailController(robot, period_ns)
         self._imu: Imu | None = None
+        self._loads: LegLoads | None = None
         self._leg_controller = LegController(robot)
         self._names = tuple(robot.servos)
         self._neutral = [servo.neutral for servo in robot.servos.values()]
@@ -137,9 +147,18 @@ class MotionModule:
         self._trajectories: list[FootTrajectory | None] = [None] * 4
         self._coming: list[FootTrajectory | None] = [None] * 4
         self._awaited: list[int | None] = [None] * 4
+        self._first_fractions = [0.0] * 4
+        """Where in its phase each leg's newest trajectory begins."""
         self._settle_start = self._settle_duration = 0
         self._settle_from: tuple[float, ...] = ()
         self._settle_to: tuple[float, ...] = ()
+
+    def _make_legs(self) -> LegStateMachine | OscillatorLegs:
+        config = self._config
+        if config.coordination == "timed":
+            return LegStateMachine(self._period)
+        weight = self._robot.masses.total * GRAVITY
+        return OscillatorLegs(self._period, config.coordination, config.oscillators, weight)
 
     def set_parameters(self, parameters: GaitParameters) -> None:
         """Takes new gait parameters; the same ones again change nothing.
@@ -156,10 +175,12 @@ class MotionModule:
         self._spine.set_parameters(parameters)
 
     def set_config(self, config: MotionModuleConfig) -> None:
-        """Takes new settings of head, tail and back, without a jump; time-out, posture velocity and lockstep stay."""
+        """Takes new settings of head, tail, back and oscillators, without a jump; the others stay."""
         self._config = self._config.model_copy(
-            update={name: getattr(config, name) for name in ("gaze", "tail", "tail_angle", "arch")}
+            update={name: getattr(config, name) for name in ("gaze", "tail", "tail_angle", "arch", "oscillators")}
         )
+        if isinstance(self._legs, OscillatorLegs):
+            self._legs.set_settings(config.oscillators)
 
     def sign_of_life(self, source: Source, stamp: int) -> None:
         """Notes that a node was alive at `stamp` [ns], when it sent its parameters or of the leg states it answered."""
@@ -177,19 +198,24 @@ class MotionModule:
             self._coming[trajectory.leg] = trajectory
 
     def step(
-        self, stamp: int, command: MotionCommand | None, servo_positions: Sequence[float], imu: Imu | None = None
+        self,
+        stamp: int,
+        command: MotionCommand | None,
+        servo_positions: Sequence[float],
+        imu: Imu | None = None,
+        loads: LegLoads | None = None,
     ) -> MotionOutput:
         """One control tick at `stamp` [ns]: the newest command and the measured servo positions [rad], in robot order.
 
         The measured positions matter at the start and after a jump of the clock, where the mouse moves on from them.
-        `imu`: the newest; only the gaze mode `imu` needs it.
+        `imu` and `loads`: the newest; only the gaze mode `imu` and the coordination `tegotae` need them.
         """
         if stamp == self._last_stamp:
             return self._output
         warnings: list[str] = []
         if self._last_stamp is None or not 0 < stamp - self._last_stamp <= self._timeout:
             self._restart(stamp, servo_positions, warnings)
-        self._last_stamp, self._imu = stamp, imu
+        self._last_stamp, self._imu, self._loads = stamp, imu, loads
 
         self._inbox.take(stamp, command, warnings)
         self._choose_activity(stamp, self._goal(stamp), warnings)
@@ -316,9 +342,23 @@ class MotionModule:
     def _walk(self, stamp: int, warnings: list[str]) -> Four:
         """One tick of walking: command -> leg phases -> foot positions. Returns v_legs [m/s]."""
         command = self._walking_command()
-        self._legs.step(stamp, self._parameters.gaits[command.gait], command.gait_frequency)
+        gait, legs = self._parameters.gaits[command.gait], self._legs
+        if isinstance(legs, OscillatorLegs):
+            legs.step(stamp, gait, command.gait_frequency, self._fresh_loads(stamp, warnings))
+        else:
+            legs.step(stamp, gait, command.gait_frequency)
         self._evaluate_trajectories(stamp)
         return self._leg_velocities(command, warnings)
+
+    def _fresh_loads(self, stamp: int, warnings: list[str]) -> Four | None:
+        """What the feet bear [N], if that is known and wanted."""
+        if self._config.coordination != "tegotae":
+            return None
+        loads = self._loads
+        if loads is None or abs(stamp - loads.stamp) > self._timeout:
+            warnings.append("no leg_loads: the legs run free of their loads")
+            return None
+        return loads.load
 
     def _evaluate_trajectories(self, stamp: int) -> None:
         for leg in _LEGS:
@@ -327,7 +367,16 @@ class MotionModule:
                 self._trajectories[leg], self._coming[leg] = coming, None
             trajectory = self._trajectories[leg]
             if trajectory is not None:
-                self._x[leg], self._z[leg] = foot_position(trajectory, stamp)
+                when = stamp if self._config.coordination == "timed" else self._place_on_path(leg, trajectory)
+                self._x[leg], self._z[leg] = foot_position(trajectory, when)
+
+    def _place_on_path(self, leg: int, trajectory: FootTrajectory) -> int:
+        """The time [ns] at which a clock would have the foot as far on its path as its oscillator has it now."""
+        if trajectory.phase is not self._legs.now.phases[leg]:
+            return _end(trajectory)  # the next one is late
+        first = self._first_fractions[leg]
+        share = (self._legs.now.fractions[leg] - first) / (1.0 - first)
+        return trajectory.start_time + round(share * trajectory.duration * 1e9)
 
     def _leg_velocities(self, command: MotionCommand, warnings: list[str]) -> Four:
         """v_legs [m/s]: the target velocity, within the longest stride, modulated for turning (5.38)-(5.39)."""
@@ -393,8 +442,10 @@ class MotionModule:
             for leg, trajectory in enumerate(self._trajectories):
                 if legs.requested[leg]:
                     self._awaited[leg] = start
+                    self._first_fractions[leg] = legs.next.fractions[leg]
                     if trajectory is not None:
-                        x[leg], z[leg] = foot_position(trajectory, start)
+                        when = start if self._config.coordination == "timed" else _end(trajectory)
+                        x[leg], z[leg] = foot_position(trajectory, when)
         a, b, c, d = legs.next.fractions
         return LegStates(
             stamp=stamp,
@@ -420,6 +471,11 @@ class MotionModule:
                 servos[number] = last + math.copysign(step, target - last)
                 warnings.append(f"{self._names[number]}: faster than the servo, slowed down")
         return servos
+
+
+def _end(trajectory: FootTrajectory) -> int:
+    """[ns]"""
+    return trajectory.start_time + round(trajectory.duration * 1e9)
 
 
 def _neutral_feet(parameters: GaitParameters) -> tuple[list[float], list[float]]:

@@ -106,6 +106,15 @@ class Imu:
 
 
 @dataclass(frozen=True, slots=True)
+class LegLoads:
+    """What the feet bear."""
+
+    stamp: int
+    load: Four
+    """Vertical [N], 0 or more."""
+
+
+@dataclass(frozen=True, slots=True)
 class LegStates:
     """State of the legs (s_legs, v_legs) and the request for new trajectories; fields as in `LegStates.msg`."""
 

@@ -125,6 +125,8 @@ strides = st.builds(
     max_stride_length=st.floats(0.0, 0.1),
     neutral_stance_height=st.floats(-0.12, -0.01),
     neutral_stride_position=st.floats(-0.05, 0.05),
+    touch_down_angle=st.floats(0.8, 2.4),
+    take_off_angle=st.floats(0.8, 2.4),
 )
 offset = st.floats(0.0, 0.99)
 gaits = st.builds(
@@ -139,6 +141,7 @@ gait_parameters = st.builds(
     default_turning_strategy=strategies,
     front=strides,
     rear=strides,
+    foot_path=st.sampled_from(["splines", "locus"]),
     turn_response_exponent=st.floats(0.0, 10.0),
     fusion_exponent=st.floats(0.0, 10.0),
     max_spine_flexion=st.floats(0.0, 0.2),

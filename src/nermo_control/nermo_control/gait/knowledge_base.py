@@ -7,9 +7,10 @@ position of -0.005 m (table A.7) is +0.005 m here.
 from __future__ import annotations
 
 import difflib
+import math
 import re
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -27,6 +28,9 @@ _SET_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 class _Frozen(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+
+FootPath = Literal["splines", "locus"]
+"""Which curves a foot follows between its control points."""
 
 Offset = Annotated[float, Field(ge=0.0, lt=1.0)]
 
@@ -72,6 +76,20 @@ class LegStride(_Frozen):
         description="l_nsp, x of the standing foot, positive forward of the axis",
         json_schema_extra={"unit": "m"},
     )
+    touch_down_angle: float = Field(
+        math.pi / 2.0,
+        ge=0.8,
+        le=2.4,
+        description="theta_td of the foot path `locus` (C table 3.1); above pi/2 the leg retracts before touch-down",
+        json_schema_extra={"unit": "rad"},
+    )
+    take_off_angle: float = Field(
+        math.pi / 2.0,
+        ge=0.8,
+        le=2.4,
+        description="theta_to of the foot path `locus` (C table 3.1)",
+        json_schema_extra={"unit": "rad"},
+    )
 
 
 class GaitParameters(_Frozen):
@@ -101,6 +119,9 @@ class GaitParameters(_Frozen):
     rear: LegStride = Field(
         default=LegStride(neutral_stance_height=-0.05, neutral_stride_position=0.0),
         description="Foot path of the rear legs (N table A.7)",
+    )
+    foot_path: FootPath = Field(
+        "splines", description="splines: cubics (N 5.4.2); locus: the quadratic Bezier curves of C 3.2.1"
     )
     turn_response_exponent: float = Field(
         1.0,

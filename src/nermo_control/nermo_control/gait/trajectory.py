@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 
+from nermo_control.gait.foot_locus import Point, locus_curves
 from nermo_control.gait.knowledge_base import GaitParameters, stride_length
 from nermo_control.types import FootTrajectory, Four, LegStates, Phase
 
@@ -93,6 +94,13 @@ class TrajectoryGenerator:
         ground, farthest = self._parameters.stride(leg).neutral_stance_height, LARGEST_DESCENT * duration
         end_z = z + min(max(ground - z, -farthest), farthest)
         middle_z += 0.5 * (end_z - ground)
+        if self._parameters.foot_path == "locus":
+            stride = self._parameters.stride(leg)
+            angles = stride.touch_down_angle, stride.take_off_angle
+            begin, finish = reversed(angles) if phase is Phase.SWING else angles
+            middle = Point(0.5 * (x + end_x), middle_z)
+            curves = locus_curves(Point(x, z), middle, Point(end_x, end_z), begin, finish, duration)
+            return FootTrajectory(leg, phase, states.start_time, duration, *curves)
         x_first, x_second = horizontal_spline(x, 0.5 * (x + end_x), end_x, duration)
         z_first, z_second = vertical_spline(z, middle_z, end_z, duration)
         return FootTrajectory(leg, phase, states.start_time, duration, x_first, x_second, z_first, z_second)

@@ -198,6 +198,14 @@ def _yaw(q: Any) -> float:
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 
 
+def leg_loads_from_message(message: msg.LegLoads) -> types.LegLoads:
+    """Loads of the feet. Raises UnusableMessageError where one is not finite."""
+    load = _four(message.load)
+    if not all(map(math.isfinite, load)):
+        raise UnusableMessageError(f"load = {list(load)} N: must be finite")
+    return types.LegLoads(to_nanoseconds(message.header.stamp), load)
+
+
 def imu_from_message(message: ImuMessage) -> types.Imu:
     """Orientation and rates; an orientation that is not measured (REP-145) becomes NaN, which nobody uses."""
     q, rate = message.orientation, message.angular_velocity

@@ -1,5 +1,5 @@
-"""Node `motion_module`: motion_command [b], gait_parameters, foot_trajectories, servo_states [d] -> servo_command [c],
-leg_states.
+"""Node `motion_module`: motion_command [b], gait_parameters, foot_trajectories, leg_loads, servo_states [d] ->
+servo_command [c], leg_states.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from nermo_control.motion_module import MotionModule, MotionModuleConfig
 from nermo_control.nodes import conversions
 from nermo_control.nodes.gait_parameters import GaitParametersInput
 from nermo_control.nodes.robot import RobotChoice
-from nermo_control.types import Imu, MotionCommand, MotionOutput
+from nermo_control.types import Imu, LegLoads, MotionCommand, MotionOutput
 from nermo_interfaces import msg
 from nermo_node import qos, run
 from nermo_node.complaints import Complaints
@@ -40,7 +40,7 @@ class MotionModuleParameters(MotionModuleConfig, RobotChoice):
 
 
 class MotionModuleNode(Node):
-    """Ticks with each servo_states, on the newest command and the newest IMU.
+    """Ticks with each servo_states, on the newest command, IMU and, with the coordination `tegotae`, leg loads.
 
     In lockstep it ticks once the command of the same tick and the trajectories that it asked for are there too, and the
     IMU of the same tick if it began with the gaze mode `imu`.
@@ -54,6 +54,7 @@ class MotionModuleNode(Node):
         self._module: MotionModule | None = None
         self._command: MotionCommand | None = None
         self._imu: Imu | None = None
+        self._loads: LegLoads | None = None
         self._lockstep = parameters.lockstep
         self._inputs = ("servos", "command", "imu") if parameters.gaze == "imu" else ("servos", "command")
         self._tick = TickSynchronizer(self._inputs, self._on_tick)
@@ -74,6 +75,8 @@ class MotionModuleNode(Node):
             msg.ServoStates, "servo_states", self._on_servo_states, qos.sensor_input(parameters.lockstep)
         )
         self.create_subscription(ImuMessage, "imu/data_raw", self._on_imu, qos.sensor_input(parameters.lockstep))
+        if parameters.coordination == "tegotae":
+            self.create_subscription(msg.LegLoads, "leg_loads", self._on_leg_loads, qos.BEST_EFFORT)
         Diagnostics(
             self,
             self._robot.name,
@@ -93,6 +96,12 @@ class MotionModuleNode(Node):
             self._imu = imu
         elif "imu" in self._inputs:
             self._tick.add("imu", imu.stamp, imu)
+
+    def _on_leg_loads(self, message: msg.LegLoads) -> None:
+        try:
+            self._loads = conversions.leg_loads_from_message(message)
+        except ValueError as error:
+            self._refused.add([f"leg_loads refused: {error}"])
 
     def _on_gait_parameters(self, parameters: GaitParameters) -> None:
         if self._module is None:
@@ -159,7 +168,7 @@ class MotionModuleNode(Node):
     def _step(self, stamp: int, command: MotionCommand | None, positions: list[float]) -> None:
         if self._module is None:
             return
-        output = self._module.step(stamp, command, positions, self._imu)
+        output = self._module.step(stamp, command, positions, self._imu, self._loads)
         self._servo_commands.publish(self._servos.command(stamp, output.servo_positions))
         self._publish_leg_states(output)
         self._clamped.add(output.warnings)
