@@ -213,6 +213,32 @@ def doe(
         write_results(json, "sensors-doe", facts)
 
 
+@sensors_app.command()
+def figure48(
+    seeds: Annotated[int, typer.Option(min=1, max=1000, help="How many runs.")] = 20,
+    seconds: Annotated[float, typer.Option(min=3.0, max=3600.0, help="Length of each [s].")] = 60.0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
+    json: Json = None,
+) -> None:
+    """C figure 4.8: F1 on a 2 Hz bump with both cells and with each alone. Only the fused estimate does not drift.
+
+    Exit status 1 where that is not what comes out.
+
+    \b
+    nermo sensors figure48
+    nermo sensors figure48 --seeds 2 --seconds 10 --json figure48.json
+    """
+    from nermo_sensors.bench.figure import figure_facts
+
+    with _console.status("filtering"):
+        rows = figure_facts(seeds, seconds, seed)
+    _print_rows(f"C figure 4.8: {seeds} seeds, {seconds:g} s, hysteresis, saturation, 0.5 % rate bias, noise", rows)
+    if json is not None:
+        write_results(json, "sensors-figure48", {"rows": rows, "seeds": seeds, "duration_s": seconds}, seed=seed)
+    if rows[0]["drifts"] or not all(row["drifts"] for row in rows[1:]):
+        raise CommandError("the fused estimate should be the only one that does not drift: see the table")
+
+
 def _save(parameters: Any, path: Path | None) -> None:
     if path is not None:
         with _told():

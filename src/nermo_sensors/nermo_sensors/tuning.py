@@ -84,8 +84,9 @@ def tune(
 ) -> Tuning:
     """Searches the covariances of one estimator, starting from `noises`.
 
-    The thesis's objective does not look at the variance, and mostly the ratios of covariances move the estimate: their
-    common scale is therefore set last, towards a mean normalised squared error of 1 on this recording.
+    Mostly the ratios of covariances move the estimate, and the thesis's objective does not look at the variance at all:
+    their common scale is set last, towards a mean normalised squared error of 1 on this recording. For the likelihood,
+    too, that is the best common scale.
     """
     # pymoo takes a second to import, and only tuning needs it.
     from pymoo.algorithms.soo.nonconvex.pso import PSO
@@ -93,9 +94,10 @@ def tune(
     from pymoo.optimize import minimize
 
     present: BaseModel = getattr(noises, estimator)
-    # How long an error lasts stays as it is: one run shows one draw of a bias, and a swarm free to call it short-lived
-    # finds a filter that follows no other run.
-    names = [name for name in type(present).model_fields if not name.endswith("_time")]
+    # How long an error lasts stays as it is, and so does the size of a bias that lasts for a run: a run shows one draw
+    # of it, and a swarm free to call it small or short-lived finds a filter that follows no other run.
+    kept = {"bias"} if "bias_time" in type(present).model_fields else set()
+    names = [name for name in type(present).model_fields if not name.endswith("_time") and name not in kept]
     fixed = {name: getattr(present, name) for name in type(present).model_fields if name not in names}
     start = np.log10([getattr(present, name) for name in names])
     bias = make_model(estimator, calibration, noises).states.index("bias")
@@ -133,13 +135,12 @@ def tune(
     )
     best = np.asarray(result.X, dtype=np.float64)
     found = dict(zip(names, (10.0**best).tolist(), strict=True))
-    if objective == "thesis":
-        # Start and bounds do not scale along, so one step does not always do.
-        for _ in range(_SCALE_STEPS):
-            scale = _normalised_error(filtered(np.log10([list(found.values())])), recording)
-            found = {name: value * scale for name, value in found.items()}
-            if abs(scale - 1.0) < 0.05:
-                break
+    # Start and bounds do not scale along, so one step does not always do.
+    for _ in range(_SCALE_STEPS):
+        scale = _normalised_error(filtered(np.log10([list(found.values())])), recording)
+        found = {name: value * scale for name, value in found.items()}
+        if abs(scale - 1.0) < 0.05:
+            break
     tuned = type(present).model_validate({**fixed, **found})
     return Tuning(noises.model_copy(update={estimator: tuned}), float(result.F[0]), before, history)
 

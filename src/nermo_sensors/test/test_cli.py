@@ -89,8 +89,8 @@ def test_data_that_say_too_little_are_refused_with_status_1(run: Path, tmp_path:
 def test_only_the_fused_estimate_does_not_drift() -> None:
     """C figure 4.8, shorter."""
     rows = {row.cells: row for row in figure_rows(seeds=2, seconds=4.0)}
-    assert rows["fused"].rmse < 0.5 * min(rows["piezoresistive"].rmse, rows["piezoelectric"].rmse)
-    assert rows["fused"].drift < 0.5 * rows["piezoelectric"].drift
+    assert rows["fused"].rmse_n < 0.5 * min(rows["piezoresistive"].rmse_n, rows["piezoelectric"].rmse_n)
+    assert rows["fused"].offset_end_n < 0.5 * rows["piezoelectric"].offset_end_n
 
 
 @pytest.mark.slow
@@ -99,5 +99,7 @@ def test_bench_has_the_keys_that_others_rely_on(tmp_path: Path) -> None:
     assert {"update_us", "filterpy_update_us", "rows"} <= set(facts)
     for row in facts["rows"]:
         assert {"frequency_hz", "estimator", "rmse_n", "peak_error_n", "within_3_sigma", "nees"} <= set(row)
-    assert {row["estimator"] for row in facts["rows"]} >= {"f1", "f2", "memory"}
+    assert {row["estimator"] for row in facts["rows"]} >= {"f1", "f2", "memory", "best_single"}
+    assert {row["cells"] for row in facts["figure_4_8"]} == {"fused", "piezoresistive", "piezoelectric"}
+    assert len(facts["requirements"]) == 3
     assert len(list(tmp_path.glob("*.png"))) == 3

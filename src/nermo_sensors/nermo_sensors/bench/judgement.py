@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from nermo_sensors.bench.recording import BenchRecording
 from nermo_sensors.estimation.bank import FilterpyBank, KalmanBank
 from nermo_sensors.estimation.consistency import Quality, find_bumps, judge
+from nermo_sensors.estimation.health import CELLS
 from nermo_sensors.estimation.load_filter import ESTIMATORS, LoadFilter, make_model
 from nermo_sensors.estimation.offline import estimate, smooth
 from nermo_sensors.parameters import TactileParameters
@@ -25,7 +26,7 @@ SETTLED = 1.0
 def judge_run(
     parameters: TactileParameters,
     recording: BenchRecording,
-    estimators: tuple[str, ...] = (*ESTIMATORS, "piezoresistive", "piezoelectric", "smoother"),
+    estimators: tuple[str, ...] = (*ESTIMATORS, *CELLS, "smoother"),
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[list[dict[str, Any]], dict[str, tuple[Array, Array]]]:
     """Rows by frequency and over all of them (frequency None), and load and variance (n,) of each estimator.
@@ -40,7 +41,19 @@ def judge_run(
         rows += _rows(name, recording, load, variance)
         if progress is not None:
             progress(number + 1, len(estimators))
+    rows += best_single(rows)
     return rows, traces
+
+
+def best_single(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows `best_single`: at each frequency the cell that does better alone, named under `cell`."""
+    alone = [row for row in rows if row["estimator"] in CELLS]
+    frequencies = dict.fromkeys(row["frequency_hz"] for row in alone)
+    best = [
+        min((row for row in alone if row["frequency_hz"] == frequency), key=lambda row: float(row["rmse_n"]))
+        for frequency in frequencies
+    ]
+    return [{**row, "estimator": "best_single", "cell": row["estimator"]} for row in best]
 
 
 def update_times(parameters: TactileParameters, feet: int = 4, samples: int = 2000) -> dict[str, float]:

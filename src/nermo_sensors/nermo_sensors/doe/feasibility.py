@@ -30,6 +30,17 @@ class Feasibility:
         return self.saturation_force_n >= REQUIRED_FORCE_N
 
 
+_VELOSTAT = 0.1e-3, 1000.0
+_COPPER = 0.035e-3, 8960.0
+"""Usual thickness [m] and density [kg/m^3] of a sheet of each; C gives none."""
+
+
+def cell_weight_g(cell: CellDesign) -> float:
+    """Weight of the Velostat and of two electrodes that cover all of it [g]: an upper bound, without the glue."""
+    area = cell.length_mm * cell.width_mm * 1e-6
+    return 1e3 * area * (cell.layers * _VELOSTAT[0] * _VELOSTAT[1] + 2.0 * _COPPER[0] * _COPPER[1])
+
+
 def thesis_models() -> dict[str, AdditiveModel]:
     """The three models of table 4.5, refitted from table 4.4 with the terms that C keeps."""
     table = load_table()

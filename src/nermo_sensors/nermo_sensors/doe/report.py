@@ -6,7 +6,7 @@ from typing import Any
 
 from nermo_sensors.doe import printed
 from nermo_sensors.doe.design import screening_design
-from nermo_sensors.doe.feasibility import assess, thesis_models
+from nermo_sensors.doe.feasibility import assess, cell_weight_g, thesis_models
 from nermo_sensors.doe.screening import RESPONSES, CellDesign, eliminate, load_table
 from nermo_sensors.models.amplifier import NonInvertingAmplifier
 
@@ -94,16 +94,19 @@ def _requirements(cell: CellDesign) -> Rows:
     found = assess(cell, NonInvertingAmplifier(), thesis_models())
     gain = NonInvertingAmplifier().feedback_ohm * NonInvertingAmplifier().reference_v
     count_n = 5.0 / (2**12 - 1) / (gain * found.sensitivity_s_per_n)
+    weight_g = cell_weight_g(cell)
     return [
         _requirement(
             "load range", "0 to 20 N", f"{found.saturation_force_n:.1f} N static", found.covers_required_force
         ),
-        _requirement("load range, dynamic", "0 to 20 N", "about 10 N (C 4.3.2.2); the fused estimate 28 N", None),
-        _requirement("frequency response", "> 4 Hz", "bench sensors: tracked to 4 Hz on the simulated bench", None),
+        _requirement("load range, dynamic", "0 to 20 N", "see `nermo bench sensors`", None),
+        _requirement("frequency response", "> 4 Hz", "see `nermo bench sensors`", None),
         _requirement("sensitivity", "< 200 mN", f"{1e3 * count_n:.2g} mN a count at 12 bit, 5 V", count_n < 0.2),
         _requirement("sampling", "< 10 ms", "5 ms (200 Hz) in the graph", True),
-        _requirement("weight on the tip", "< 2 g", "no data: a foil and copper, but never weighed in C", None),
-        _requirement("total weight", "< 20 g", "no data", None),
+        _requirement(
+            "weight on the tip", "< 2 g", f"Velostat and copper {weight_g:.2g} g; C weighs neither PZT nor glue", None
+        ),
+        _requirement("total weight", "< 20 g", "C gives no weight of the electronics", None),
     ]
 
 

@@ -13,6 +13,7 @@ from nermo_sensors.estimation.bank import FilterpyBank, KalmanBank
 from nermo_sensors.estimation.contact import ContactDetector
 from nermo_sensors.estimation.health import Fault, HealthLimits, HealthMonitor
 from nermo_sensors.estimation.load_filter import LoadFilter, make_model
+from nermo_sensors.estimation.weight import share_weight
 from nermo_sensors.models.amplifier import NonInvertingAmplifier
 from nermo_sensors.models.piezoresistive import SoftConductance
 from nermo_sensors.parameters import Noises, TactileParameters
@@ -21,6 +22,11 @@ Array = NDArray[np.float64]
 
 LONGEST_GAP = 0.1
 """A gap between samples that is longer is bridged in one step of this length, with the rest forgotten [s]."""
+WEIGHT_ERROR = 0.15
+"""Standard deviation of mass times the IMU's acceleration from what the feet bear, over it [1]. On the walking twin it
+is 0.14: the IMU sits in one of two bodies."""
+WEIGHT_FLOOR = 1e-2
+"""Least variance of that [N^2]."""
 LATE = 100_000_000
 """A sample older than the last by less is late and ignored; by more, the clock was set back [ns]."""
 
@@ -91,11 +97,13 @@ class LegLoadEstimator:
         piezoelectric: Sequence[float] | Array,
         frequency: float | None = None,
         swing: Sequence[bool] | None = None,
+        weight: float | None = None,
     ) -> LegLoads | None:
         """Takes the readings [V] of a stamp [ns]; NaN where there is none.
 
         `frequency` of the gait [rad/s]; `swing` says which legs are in the air by intention: a foot whose static cell
-        is broken is set to no load there, so that the dynamic one does not drift. Returns None before the second
+        is broken is set to no load there, so that the dynamic one does not drift. `weight` [N] is what all feet bear
+        together, as the IMU says (`weight.felt_weight`), where that is known. Returns None before the second
         sample, and the last estimate for a sample that is late or repeated.
 
         Raises ValueError where a channel has a wrong number of readings.
@@ -122,7 +130,7 @@ class LegLoadEstimator:
         if air is not None and not trusted[0].all():
             self._rest(air & ~trusted[0])
         self._repair()
-        self._loads = self._answer(stamp)
+        self._loads = self._answer(stamp, weight)
         return self._loads
 
     def broken(self) -> list[tuple[int, int, Fault]]:
@@ -154,8 +162,10 @@ class LegLoadEstimator:
             self._filters.clear()
             self.restarts += 1
 
-    def _answer(self, stamp: int) -> LegLoads:
+    def _answer(self, stamp: int, weight: float | None) -> LegLoads:
         load, variance = self._filters.load, self._filters.variance
+        if weight is not None and math.isfinite(weight):
+            load, variance = share_weight(load, variance, weight, (WEIGHT_ERROR * weight) ** 2 + WEIGHT_FLOOR)
         probability = self._contact.step(stamp, load, variance)
         return LegLoads(
             stamp,

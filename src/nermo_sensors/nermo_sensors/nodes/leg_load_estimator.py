@@ -1,4 +1,4 @@
-"""Node `leg_load_estimator`: tactile readings [d] and leg_states -> leg_loads, once for every tactile message."""
+"""Node `leg_load_estimator`: tactile readings and IMU [d], leg_states -> leg_loads, once for every tactile message."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 from rclpy.node import Node
+from sensor_msgs.msg import Imu
 
 from nermo_description.parameters import LEGS
+from nermo_description.robots import load_robot
 from nermo_interfaces.msg import LegLoads, LegStates, Tactile
 from nermo_node import qos, run
 from nermo_node.complaints import Complaints
@@ -19,10 +21,15 @@ from nermo_node.parameters import blame, declare
 from nermo_node.time import to_message, to_nanoseconds
 from nermo_sensors.estimation.estimator import LegLoadEstimator
 from nermo_sensors.estimation.health import CELLS
+from nermo_sensors.estimation.weight import felt_weight
 from nermo_sensors.parameters import TactileParameters, load_tactile, tactile_of_robot
 
 STALE_NS = 300_000_000
 """Older leg states are not used."""
+WEIGHT_STALE_NS = 10_000_000
+"""Nor is an older acceleration: it changes within a step."""
+UNKNOWN_MEASUREMENT = -1.0
+"""First element of the covariance of what is not measured (REP-145)."""
 
 
 class Scales(BaseModel):
@@ -56,6 +63,9 @@ class LegLoadEstimatorParameters(BaseModel):
     contact_force: float = Field(
         0.0, ge=0.0, le=100.0, description="Load of a foot in contact; 0: of the file", json_schema_extra={"unit": "N"}
     )
+    weigh: bool = Field(
+        True, description="Ties the four loads to the body's weight and the IMU's vertical acceleration"
+    )
     contact_certainty: float = Field(0.9, ge=0.51, le=0.999, description="Of touch-down and lift-off")
     scale: Scales = Scales()
 
@@ -68,7 +78,12 @@ class LegLoadEstimatorNode(Node):
         parameters = declare(self, LegLoadEstimatorParameters, self._on_parameters)
         with blame("feet"):
             self._feet = load_tactile(parameters.feet) if parameters.feet else tactile_of_robot(parameters.robot)
+        with blame("robot"):
+            self._mass = load_robot(parameters.robot).masses.total
         self._estimator = LegLoadEstimator(self._feet, parameters.estimator)
+        self._weigh = parameters.weigh
+        self._weight: tuple[int, float] | None = None
+        """Stamp [ns] and what all feet bear [N]."""
         self._on_parameters(parameters)
         self._legs: LegStates | None = None
         self._answers = self._told_answers = 0
@@ -77,6 +92,7 @@ class LegLoadEstimatorNode(Node):
         self._message.header.frame_id = "base_link"
         self._publisher = self.create_publisher(LegLoads, "leg_loads", qos.SENSOR)
         self.create_subscription(LegStates, "leg_states", self._on_leg_states, qos.BEST_EFFORT)
+        self.create_subscription(Imu, "imu/data_raw", self._on_imu, qos.BEST_EFFORT)
         self.create_subscription(Tactile, "tactile", self._on_tactile, qos.BEST_EFFORT)
         Diagnostics(
             self,
@@ -90,7 +106,15 @@ class LegLoadEstimatorNode(Node):
 
     def _on_parameters(self, parameters: LegLoadEstimatorParameters) -> None:
         self._estimator.set_contact(parameters.contact_force or self._feet.contact_force, parameters.contact_certainty)
+        self._weigh = parameters.weigh
         self._estimator.set_noises(_scaled(self._feet, parameters.scale).noises)
+
+    def _on_imu(self, message: Imu) -> None:
+        if not self._weigh or message.orientation_covariance[0] == UNKNOWN_MEASUREMENT:
+            return
+        q, a = message.orientation, message.linear_acceleration
+        weight = felt_weight(self._mass, (q.w, q.x, q.y, q.z), (a.x, a.y, a.z))
+        self._weight = (to_nanoseconds(message.header.stamp), weight) if math.isfinite(weight) else None
 
     def _on_leg_states(self, message: LegStates) -> None:
         self._legs = message
@@ -99,7 +123,12 @@ class LegLoadEstimatorNode(Node):
         stamp = to_nanoseconds(message.header.stamp)
         frequency, swing = self._gait(stamp)
         restarts = self._estimator.restarts
-        loads = self._estimator.step(stamp, list(message.piezoresistive), list(message.piezoelectric), frequency, swing)
+        weight = None
+        if self._weigh and self._weight is not None and abs(stamp - self._weight[0]) <= WEIGHT_STALE_NS:
+            weight = self._weight[1]
+        loads = self._estimator.step(
+            stamp, list(message.piezoresistive), list(message.piezoelectric), frequency, swing, weight
+        )
         if self._estimator.restarts > restarts:
             self._refused.add(["time ran backwards, or a filter diverged: the estimates begin anew"])
         if loads is None or loads.stamp != stamp:
