@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,8 @@ NODES = {
     "state_publisher": "nermo_control.nodes.state_publisher",
     "mujoco_sim": "nermo_sim.nodes.mujoco_sim",
 }
-WITH_ROBOT = ("motion_module", "high_level_controller", "state_publisher", "mujoco_sim")
+Processes = dict[str, subprocess.Popen[bytes]]
+WITH_ROBOT = ("motion_module", "high_level_controller", "state_publisher", "mujoco_sim", "leg_load_estimator")
 DOMAIN = "97"
 """A ROS domain of its own, unless one is chosen: another graph on this machine shall not listen."""
 PATIENCE = 60.0
@@ -48,20 +50,9 @@ def bench_graph(robot: str, duration: float) -> dict[str, Any]:
 
     Raises CommandError where the graph does not come up.
     """
-    os.environ.setdefault("ROS_DOMAIN_ID", DOMAIN)
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    processes = {name: _start(name, module, robot) for name, module in NODES.items()}
-    probe = _Probe()
-    try:
-        probe.spin(PATIENCE, until=lambda: len(probe.answers) > 0 or _ended(processes))
-        if dead := _ended(processes):
-            raise CommandError(f"the node {dead} has ended: run `nermo run` with it to see why")
-        if not probe.answers:
-            raise CommandError(f"no servo_command within {PATIENCE} s")
-        probe.spin(WARM_UP)
-        meters = {name: psutil.Process(process.pid) for name, process in processes.items()}
-        for meter in meters.values():
-            meter.cpu_percent()
+    with started(robot, NODES) as processes, contextlib.closing(Probe()) as probe:
+        probe.walk(processes)
+        meters = cpu_meters(processes)
         probe.clear()
         before = probe.sim_status()
         begin = time.monotonic()
@@ -71,15 +62,6 @@ def bench_graph(robot: str, duration: float) -> dict[str, Any]:
         answers, latencies = len(probe.answers), np.array(probe.latencies) * 1e-6
         probe.spin(1.5)  # the next diagnostics cover what was measured
         after = probe.sim_status()
-    finally:
-        probe.close()
-        for process in processes.values():
-            process.terminate()
-        for process in processes.values():
-            try:
-                process.wait(10.0)
-            except subprocess.TimeoutExpired:
-                process.kill()
     if len(latencies) == 0:
         raise CommandError("no motion_command was heard: nothing to measure")
     p50, p99 = np.percentile(latencies, [50.0, 99.0])
@@ -92,6 +74,32 @@ def bench_graph(robot: str, duration: float) -> dict[str, Any]:
         "cpu_percent": cpu,
         "duration_s": wall,
     }
+
+
+@contextlib.contextmanager
+def started(robot: str, nodes: dict[str, str]) -> Iterator[Processes]:
+    """Runs nodes, name and module each, in a ROS domain of their own, and ends them."""
+    os.environ.setdefault("ROS_DOMAIN_ID", DOMAIN)
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    processes = {name: _start(name, module, robot) for name, module in nodes.items()}
+    try:
+        yield processes
+    finally:
+        for process in processes.values():
+            process.terminate()
+        for process in processes.values():
+            try:
+                process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+def cpu_meters(processes: Processes) -> dict[str, psutil.Process]:
+    """Meters whose `cpu_percent` counts from now on."""
+    meters = {name: psutil.Process(process.pid) for name, process in processes.items()}
+    for meter in meters.values():
+        meter.cpu_percent()
+    return meters
 
 
 def _start(name: str, module: str, robot: str) -> subprocess.Popen[bytes]:
@@ -107,11 +115,11 @@ def _start(name: str, module: str, robot: str) -> subprocess.Popen[bytes]:
     )
 
 
-def _ended(processes: dict[str, subprocess.Popen[bytes]]) -> str | None:
+def _ended(processes: Processes) -> str | None:
     return next((name for name, process in processes.items() if process.poll() is not None), None)
 
 
-class _Probe:
+class Probe:
     """Asks for a walk and takes the times of what it hears."""
 
     def __init__(self) -> None:
@@ -130,6 +138,19 @@ class _Probe:
         self._ticks = 0
         self._status: dict[str, str] = {}
         self.clear()
+
+    def walk(self, processes: Processes) -> None:
+        """Waits until the mouse walks. Raises CommandError where it never does."""
+        self.spin(PATIENCE, until=lambda: len(self.answers) > 0 or _ended(processes))
+        if dead := _ended(processes):
+            raise CommandError(f"the node {dead} has ended: run `nermo run` with it to see why")
+        if not self.answers:
+            raise CommandError(f"no servo_command within {PATIENCE} s")
+        self.spin(WARM_UP)
+
+    def hear(self, message: Any, topic: str, callback: Callable[[Any], None]) -> None:
+        """Subscribes to one more topic."""
+        self._node.create_subscription(message, topic, callback, QoSProfile(depth=100))
 
     def clear(self) -> None:
         """Forgets what was measured."""

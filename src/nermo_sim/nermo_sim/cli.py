@@ -43,6 +43,12 @@ _COLUMNS = {
         *("spine", "time_s", "thesis_time_s", "speed_m_s", "thesis_speed_m_s", "pitch_sd_deg", "roll_sd_deg"),
         "finished",
     ),
+    "coordination": (
+        *("coordination", "loads", "compensation", "missing_leg", "speed_m_s", "speed_sd_m_s", "roll_sd_deg"),
+        *("pitch_sd_deg", "step_m", "step_sd_m", "recovery_s", "recovered", "repeats", "fell"),
+    ),
+    "footstep": ("controller", "delta_m", "step", "repeat", "displacement_m"),
+    "transition": ("compensation", "repeat", "omega_rad_s", "excitation_hz", "stride_hz", "gait", "lags", "speed_m_s"),
     "theory against twin": (
         *(
             "gait",
@@ -174,6 +180,70 @@ def maze(
         raise CommandError("the mouse did not come out of the maze: see the column `ended` of the JSON file")
 
 
+@experiment_app.command("coordination")
+def coordination(
+    robot: Robot = "nermo_lite",
+    seed: Seed = 0,
+    quick: Quick = False,
+    out: Out = RESULTS,
+    json: Json = None,
+    workers: Workers = None,
+    repeats: Repeats = None,
+) -> None:
+    """The timed trot, coupled oscillators, and Tegotae on true and on estimated loads (C 3.3); a push, a leg lost.
+
+    A fall is a result (`fell`), not a failure.
+
+    \b
+    nermo experiment coordination
+    nermo experiment coordination --quick --json coordination.json
+    """
+    settings = _settings(robot, seed, quick, repeats)
+    _write(json, "coordination", _run("coordination", settings, out, workers), settings)
+
+
+@experiment_app.command("footstep")
+def footstep(
+    robot: Robot = "nermo_lite",
+    seed: Seed = 0,
+    quick: Quick = False,
+    out: Out = RESULTS,
+    json: Json = None,
+    workers: Workers = None,
+) -> None:
+    """How far footsteps move once the step length has changed: open-loop CPG and Tegotae (C 3.2.5, 3.3.3).
+
+    \b
+    nermo experiment footstep
+    nermo experiment footstep --quick --json footstep.json
+    """
+    settings = _settings(robot, seed, quick, repeats=1)
+    facts = _run("footstep", settings, out, workers)
+    for name, values in facts["fit"].items():
+        _console.print(f"{name}: {_cell(values)}")
+    _write(json, "footstep", facts, settings)
+
+
+@experiment_app.command("transition")
+def transition(
+    robot: Robot = "nermo_lite",
+    seed: Seed = 0,
+    quick: Quick = False,
+    out: Out = RESULTS,
+    json: Json = None,
+    workers: Workers = None,
+    repeats: Repeats = None,
+) -> None:
+    """Which gait emerges as the excitation of the Tegotae rule is stepped up (C 3.3.2.3), named from the footfalls.
+
+    \b
+    nermo experiment transition
+    nermo experiment transition --quick --json transition.json
+    """
+    settings = _settings(robot, seed, quick, repeats)
+    _write(json, "transition", _run("transition", settings, out, workers), settings)
+
+
 @experiment_app.command("all")
 def run_all(
     robot: Robot = "nermo_lite",
@@ -270,12 +340,12 @@ bench_app = typer.Typer(
     context_settings={"allow_interspersed_args": True},
     help="Measure: the control tick, the in-process loop, the ROS graph.",
 )
-BENCHES = ("tick", "loop", "graph", "sensors")
+BENCHES = ("tick", "loop", "graph", "sensors", "loads")
 
 
 @bench_app.callback(invoke_without_command=True)
 def bench(
-    what: Annotated[list[str] | None, typer.Argument(help="tick, loop, graph, sensors; all by default.")] = None,
+    what: Annotated[list[str] | None, typer.Argument(help="tick, loop, graph, sensors, loads; all by default.")] = None,
     robot: Robot = "nermo_lite",
     quick: Quick = False,
     json: Json = None,
@@ -320,6 +390,13 @@ def run_bench(name: str, robot: str = "nermo_lite", quick: bool = False) -> dict
         from nermo_sensors.bench.command import bench_sensors
 
         return bench_sensors(quick=quick, pictures=Path("results/sensors"))
+    if name == "loads":
+        from nermo_sim.bench_loads import bench_loads
+        from nermo_sim.bench_loads_graph import bench_loads_graph
+
+        duration = 6.0 if quick else 30.0
+        alone, graph = bench_loads(robot, duration), bench_loads_graph(robot, duration)
+        return {**alone, **graph, "loads": [*alone["loads"], *graph["loads"]]}
     raise CommandError(f"bench {name!r} is unknown: choose among {', '.join(BENCHES)} and all", status=2)
 
 
@@ -360,7 +437,9 @@ def _print_rows(title: str, rows: list[dict[str, Any]], columns: Sequence[str]) 
 def _print_facts(title: str, facts: dict[str, Any], indent: str = "  ") -> None:
     _console.print(title, style="bold", highlight=False)
     for name, value in facts.items():
-        if isinstance(value, dict):
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            _print_rows(name, value, list(value[0]))
+        elif isinstance(value, dict):
             inner = ", ".join(f"{key} {_cell(item)}" for key, item in value.items())
             _console.print(f"{indent}{name}: {inner}", highlight=False)
         else:
@@ -374,4 +453,6 @@ def _cell(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
         return " ".join(map(_cell, value))
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_cell(item)}" for key, item in value.items())
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from nermo_control.controller import Controller
 from nermo_control.gait.knowledge_base import GaitParameters
-from nermo_control.types import ControlCommand
+from nermo_control.types import ControlCommand, LegLoads, MotionOutput
 from nermo_description.parameters import RobotParameters
 from nermo_sim.recording import Recorder, Recording
 from nermo_sim.sensor_data import SensorData
@@ -16,6 +16,9 @@ from nermo_sim.twin import Twin
 Script = Callable[[int], ControlCommand | None]
 """The operator: the command at a time [ns], or None."""
 
+
+Feel = Callable[[SensorData, MotionOutput], LegLoads | None]
+"""What is felt of the loads after a tick: from an estimator, or from the truth."""
 
 REPEAT_NS = 50_000_000
 """An operator says the same again this often, not each tick: the controller looks at a new command only once."""
@@ -59,9 +62,11 @@ def schedule(commands: Sequence[tuple[float, ControlCommand]]) -> Script:
 class Loop:
     """One twin under one controller. `tick` is all there is to it."""
 
-    def __init__(self, twin: Twin, controller: Controller) -> None:
-        self.twin, self.controller = twin, controller
+    def __init__(self, twin: Twin, controller: Controller, feel: Feel | None = None) -> None:
+        """`feel` tells the controller the loads of the feet, where it wants them."""
+        self.twin, self.controller, self._feel = twin, controller, feel
         self.sensors: SensorData = twin.sensors()
+        self._loads: LegLoads | None = None
 
     @classmethod
     def build(cls, robot: RobotParameters, gait_parameters: GaitParameters, scene: str = "flat") -> Loop:
@@ -69,16 +74,21 @@ class Loop:
         twin = Twin(robot, scene)
         return cls(twin, Controller(robot, gait_parameters, twin.period_ns))
 
-    def tick(self, command: ControlCommand | None, recorder: Recorder | None = None) -> None:
-        """One control tick: the controller answers the newest sensor data, the twin obeys.
+    def tick(self, command: ControlCommand | None, recorder: Recorder | None = None) -> MotionOutput:
+        """One control tick: the controller answers the newest sensor data, the twin obeys. Returns the answer.
 
         Raises SimulationDivergedError.
         """
         twin, sensors = self.twin, self.sensors
-        output = self.controller.step(sensors.stamp, command, twin.odometry(), sensors.servo_positions, sensors.imu)
+        output = self.controller.step(
+            sensors.stamp, command, twin.odometry(), sensors.servo_positions, sensors.imu, self._loads
+        )
         self.sensors = twin.step(output.servo_positions)
+        if self._feel is not None:
+            self._loads = self._feel(self.sensors, output)
         if recorder is not None:
             recorder.add(self.sensors, output)
+        return output
 
     def run(
         self,

@@ -68,7 +68,7 @@ def stride_losses(
     Raises ValueError where the recording has no whole stance.
     """
     recording = recording.part(start, float(recording.time[-1]))
-    feet, base, axes = _motion(recording, model)
+    feet, base, axes = foot_motion(recording, model)
     angles = recording.roll_pitch_yaw
     way = base[-1, :2] - base[0, :2]
     along = np.array([*(way / np.linalg.norm(way)), 0.0])
@@ -110,7 +110,7 @@ def stride_losses(
     )
 
 
-def _motion(recording: Recording, model: mujoco.MjModel) -> tuple[Array, Array, Array]:
+def foot_motion(recording: Recording, model: mujoco.MjModel) -> tuple[Array, Array, Array]:
     """Feet (n, 4, 3) and base_link (n, 3) in the world [m], and base_link's axes (n, 3, 3)."""
     data = mujoco.MjData(model)
     sites = [model.site(f"{leg}_foot").id for leg in LEGS]

@@ -10,7 +10,7 @@ from typing import Any
 
 from nermo_description.robots import load_robot
 from nermo_sim.batch import processors
-from nermo_sim.experiments import balance, maze, straight_line, turning
+from nermo_sim.experiments import balance, coordination, footstep, maze, straight_line, transition, turning
 from nermo_sim.experiments.ablation import ablation
 from nermo_sim.experiments.claims import comparison, summary
 from nermo_sim.experiments.orientation import AXES
@@ -23,7 +23,13 @@ EXPERIMENTS: dict[str, ModuleType] = {
     "balance": balance,
     "maze": maze,
 }
-"""Each has `cases(quick)`, `run(job)` and `table(cases, settings, robot, results)`."""
+"""Those of N chapter 6. Each has `cases(quick)`, `run(job)` and `table(cases, settings, robot, results)`."""
+FURTHER: dict[str, ModuleType] = {
+    "coordination": coordination,
+    "footstep": footstep,
+    "transition": transition,
+}
+"""Experiments beyond N's, run one by one; made alike."""
 COM_KEY = "com interval"
 
 
@@ -34,7 +40,7 @@ def run_experiment(
 
     Raises ParameterError for an unusable robot and SimulationDivergedError.
     """
-    experiment = EXPERIMENTS[name]
+    experiment = {**EXPERIMENTS, **FURTHER}[name]
     cases, log_file = experiment.cases(settings.quick), folder / "runs.jsonl"
     results = run_cases(experiment.run, cases, settings, name, log_file, workers, progress)
     facts: dict[str, Any] = {"rows": experiment.table(cases, settings, load_robot(settings.robot), results)}
@@ -43,6 +49,8 @@ def run_experiment(
         if COM_KEY not in log:
             log.add(COM_KEY, balance.com_interval(settings, workers or processors()))
         facts.update(log[COM_KEY])
+    if name == "footstep":
+        facts["fit"] = footstep.fit(facts["rows"])
     return facts
 
 
