@@ -49,10 +49,8 @@ def test_oscillators_in_step_walk_as_the_clock_does() -> None:
 
 def test_leg_that_fell_out_stays_folded() -> None:
     recording, _ = walk(Case("timed", missing_leg="rear_left"), 1.5)
-    hip = recording.servos.index("rear_left_hip")
-    knee = recording.servos.index("rear_left_knee")
-    assert np.ptp(recording.commands[:, [hip, knee]], axis=0) == pytest.approx([0.0, 0.0])
-    assert recording.foot_forces[100:, 2].max() == pytest.approx(0.0)
+    for servo in ("rear_left_hip", "rear_left_knee"):
+        assert len(set(recording.commands[:, recording.servos.index(servo)].tolist())) == 1
 
 
 def test_every_case_has_a_name_and_a_row() -> None:

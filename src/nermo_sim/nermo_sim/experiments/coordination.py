@@ -1,7 +1,7 @@
 """Who lifts a foot: the clock, coupled oscillators, or the legs' own loads (C 3.3 on Nermo, where nobody has tried it).
 
 The trot at 0.8 Hz on a straight line; after half of the time the mouse is pushed aside. With a leg that has fallen out
-(C's outlook: amputation) its servos stay folded and its foot never touches the ground.
+(C's outlook: amputation) its servos stay folded and its foot touches nothing.
 """
 
 from __future__ import annotations
@@ -121,10 +121,18 @@ def walking_loop(twin: Twin, case: Case, settings: Settings, seed: int) -> Loop:
     parameters = settings.gait_parameters.model_copy(update={"foot_path": "locus"})
     controller = Controller(twin.robot, parameters, twin.period_ns, motion=motion)
     if case.missing_leg:
+        _cut_off(twin, LEGS.index(case.missing_leg))
         controller = _Lame(controller, twin.robot, case.missing_leg)  # type: ignore[assignment]
     if case.loads == "estimated":
         return Loop(twin, controller, FeltLoads(twin, tactile_of_robot(twin.robot.name), seed=seed).step)
     return Loop(twin, controller, TrueLoads(twin).step if case.loads == "true" else None)
+
+
+def _cut_off(twin: Twin, leg: int) -> None:
+    """Takes a foot out of all contacts."""
+    for geom, owner in twin.layout.foot_of_geom.items():
+        if owner == leg:
+            twin.model.geom_contype[geom] = twin.model.geom_conaffinity[geom] = 0
 
 
 class _Lame:
