@@ -290,4 +290,4 @@ def test_the_trace_tells_what_the_boards_took(host):
 def test_a_long_sleep_of_the_machine_is_skipped_and_told(host):
     host.device.advance(10_000 * MS)
     assert host.device.time >= 9_999 * MS
-    assert host.device.skipped == pytest.approx(9_750 * MS, abs=2 * MS)
+    assert host.device.skipped == pytest.approx(9_950 * MS, abs=2 * MS)

@@ -9,7 +9,7 @@ import sys
 
 import numpy as np
 import pytest
-from emulated import until
+from emulated import EmulatedDevice, until
 
 from nermo_description.robots import load_robot
 from nermo_hw.device.faults import FaultError
@@ -22,6 +22,14 @@ from nermo_hw.types import Fault, LineError, LineLostError, SensorSample, ServoT
 ROBOT = load_robot("nermo_lite")
 NEUTRAL = np.array([servo.neutral for servo in ROBOT.servos.values()])
 SERVO_BOARD_1 = (2, 1)
+
+
+@pytest.fixture(scope="module")
+def device(tmp_path_factory):
+    """One for all tests that leave it as it was."""
+    made = EmulatedDevice(tmp_path_factory.mktemp("device"), "--tcp-port", "0")
+    yield made
+    made.kill()
 
 
 def ready(port: object, **settings) -> Driver:
@@ -82,8 +90,7 @@ def test_who_is_there_and_servos_that_go_where_they_are_told(emulate):
     assert not device.link.is_symlink()
 
 
-def test_over_tcp_as_a_wifi_microcontroller_does_it(emulate):
-    device = emulate("--tcp-port", "0")
+def test_over_tcp_as_a_wifi_microcontroller_does_it(device):
     url = re.search(r"socket://\S+", device.greeting)[0]
     driver = ready(url)
     assert not exchange(driver, ServoTargets(NEUTRAL)).limp
@@ -105,8 +112,7 @@ def test_a_calibration_makes_joint_angles_of_what_servos_report(emulate, tmp_pat
     assert calibrated.knee_angles[2] == pytest.approx(ROBOT.rear_leg_dynamics.knee.rest, abs=1e-3)
 
 
-def test_a_pulled_cable_is_told_and_the_servos_are_limp_when_it_is_back(emulate):
-    device = emulate()
+def test_a_pulled_cable_is_told_and_the_servos_are_limp_when_it_is_back(device):
     driver = ready(device.link)
     driver.write(SERVO_BOARD_1, "watchdog", 100)
     exchange(driver, ServoTargets(NEUTRAL))
@@ -120,8 +126,7 @@ def test_a_pulled_cable_is_told_and_the_servos_are_limp_when_it_is_back(emulate)
     assert exchange(driver, ServoTargets(NEUTRAL)).faults == 0
 
 
-def test_a_host_that_is_killed_leaves_limp_servos(emulate):
-    device = emulate()
+def test_a_host_that_is_killed_leaves_limp_servos(device):
     code = f"""
 import numpy as np, sys, time
 from nermo_description.robots import load_robot
@@ -137,6 +142,11 @@ while True:
         pass
     time.sleep(0.005)
 """
+    driver = ready(device.link)
+    for board in SERVO_BOARDS:
+        driver.write((2, board), "watchdog", 500)
+    driver.close()
+    until(lambda: device.control.do("state")["energised"] == [], "the servos are limp")
     host = subprocess.Popen([sys.executable, "-c", code])
     until(lambda: len(device.control.do("state")["energised"]) == len(ROBOT.servos), "the servos have power")
     host.kill()
@@ -144,8 +154,7 @@ while True:
     until(lambda: device.control.do("state")["energised"] == [], "the watchdog has made the servos limp")
 
 
-def test_bad_frames_are_counted_and_survived(emulate):
-    device = emulate()
+def test_bad_frames_are_counted_and_survived(device):
     driver = ready(device.link, reply_timeout=0.005)
     for name in ("drop", "double", "corrupt", "garbage", "delay"):
         device.control.do("line_fault", name=name, value=0.05)
@@ -162,8 +171,7 @@ def test_bad_frames_are_counted_and_survived(emulate):
     assert exchange(driver, ServoTargets(NEUTRAL)).faults == 0
 
 
-def test_a_silent_board_and_a_silent_servo_are_named(emulate):
-    device = emulate()
+def test_a_silent_board_and_a_silent_servo_are_named(device):
     driver = ready(device.link)
     exchange(driver, ServoTargets(NEUTRAL))
     device.control.do("silent_servos", names=["tail"])
@@ -171,14 +179,14 @@ def test_a_silent_board_and_a_silent_servo_are_named(emulate):
     device.control.do("silent_servos", names=[])
     device.control.do("silent_boards", names=["servo board 2"])
     until(lambda: driver.exchange().missing == ("servo board 2",), "the silent board is named")
+    device.control.do("silent_boards", names=[])
     with pytest.raises(FaultError, match="front_left_toe"):
         device.control.do("silent_servos", names=["front_left_toe"])
     with pytest.raises(FaultError, match="unknown"):
         device.control.do("explode")
 
 
-def test_a_brown_out_makes_the_device_forget_and_release_sets_it_up_again(emulate):
-    device = emulate()
+def test_a_brown_out_makes_the_device_forget_and_release_sets_it_up_again(device):
     driver = ready(device.link, point_period=0.01)
     exchange(driver, ServoTargets(NEUTRAL))
     device.control.do("brown_out")
@@ -200,8 +208,8 @@ def test_stored_registers_outlive_the_device(emulate, tmp_path):
     assert ready(device.link).read(SERVO_BOARD_1, "current_limit") == 1234
 
 
-def test_registers_are_checked_on_both_sides(emulate):
-    driver = ready(emulate().link)
+def test_registers_are_checked_on_both_sides(device):
+    driver = ready(device.link)
     with pytest.raises(ValueError, match="watchdog = 5: must be 20 to 10000 ms"):
         driver.write(SERVO_BOARD_1, "watchdog", 5)
     with pytest.raises(LineError, match="servo board 1 refused SET: read only"):

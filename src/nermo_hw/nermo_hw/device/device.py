@@ -35,8 +35,8 @@ WATCH_EVERY = 10
 """Steps between two looks at currents and battery."""
 LARGEST_PAUSE_NS = 2_000_000
 """Within a packet."""
-LARGEST_DEBT_NS = 250_000_000
-"""Time that is caught up when nobody has asked for long; more is skipped: the machine was asleep, not the robot."""
+LARGEST_DEBT_NS = 50_000_000
+"""Time that is caught up; more is skipped, so that on a machine that is too slow answers still come in time."""
 
 
 class DeviceSettings(BaseModel):
