@@ -33,8 +33,11 @@ class Mouse:
         graph.node.create_subscription(ServoStates, "servo_states", self.servos.append, 10)
         graph.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         self._commands = graph.node.create_publisher(ControlCommand, "control_command", qos.COMMAND)
-        graph.start("nermo_bringup.nodes.twin_device", *graph.parameters(link=str(link)))
-        graph.start("nermo_hw.nodes.serial_driver", *graph.parameters(port=str(link)))
+        self._link = str(link)
+        self.driver = graph.start("nermo_hw.nodes.serial_driver", *graph.parameters(port=self._link))
+
+    def plug_in(self) -> None:
+        self._graph.start("nermo_bringup.nodes.twin_device", *self._graph.parameters(link=self._link))
 
     def start_controller(self) -> None:
         for name in CONTROL:
@@ -62,13 +65,14 @@ class Mouse:
 def test_the_twin_walks_through_driver_and_line_and_again_after_the_cable_was_pulled(graph, tmp_path):
     link = tmp_path / "device"
     mouse = Mouse(graph, link)
+    mouse.plug_in()
     mouse.start_controller()
 
     def gone(start: float) -> bool:
         mouse.walk()
-        return mouse.x > start + 0.05
+        return mouse.x > start + 0.03
 
-    graph.spin_until(lambda: gone(0.0), "the mouse has walked 5 cm", patience=90.0)
+    graph.spin_until(lambda: gone(0.0), "the mouse has walked 3 cm", patience=90.0)
     control = Control(control_path(link))
     control.do("unplug", seconds=0.7)
     graph.spin_until(lambda: mouse.line("reconnects") == "1", "the driver has noticed")
@@ -82,12 +86,16 @@ def test_the_twin_walks_through_driver_and_line_and_again_after_the_cable_was_pu
     assert int(mouse.line("exchanges")) > 0
 
 
-def test_the_driver_publishes_what_the_twin_publishes_and_refuses_what_the_twin_refuses(graph, tmp_path):
+def test_the_driver_waits_for_its_device_and_is_then_as_the_twin_is(graph, tmp_path):
     heard: dict[str, list] = {"imu/data_raw": [], "tactile": [], "joint_states": [], "battery": []}
     for (topic, messages), kind in zip(heard.items(), (Imu, Tactile, JointState, BatteryState), strict=True):
         graph.node.create_subscription(kind, topic, messages.append, 10)
     link = tmp_path / "device"
     mouse = Mouse(graph, link)
+    graph.spin_until(
+        lambda: "cannot be opened" in str(mouse.status.get("serial_driver: line", "")), "the missing device is told"
+    )
+    mouse.plug_in()
     graph.spin_until(lambda: all(heard.values()) and mouse.servos, "every topic has come")
     assert heard["imu/data_raw"][-1].header.frame_id == "imu_link"
     assert heard["imu/data_raw"][-1].linear_acceleration.z == pytest.approx(9.81, abs=2.0)
@@ -121,22 +129,7 @@ def test_the_driver_publishes_what_the_twin_publishes_and_refuses_what_the_twin_
     graph.spin_until(
         lambda: "crouching" in mouse.status["serial_driver: device"][1]["following"], "silence makes it crouch"
     )
-
-
-def test_a_driver_without_a_device_says_so_and_waits_for_it(graph, tmp_path):
-    link = tmp_path / "device"
-    driver = graph.start("nermo_hw.nodes.serial_driver", *graph.parameters(port=str(link)))
-    status: list[str] = []
-    graph.node.create_subscription(
-        DiagnosticArray, "/diagnostics", lambda array: status.extend(s.message for s in array.status), 10
-    )
-    graph.spin_until(lambda: any("cannot be opened" in text for text in status), "the missing port is told")
-    status.clear()
-    graph.start("nermo_hw.nodes.device_emulator", *graph.parameters(link=str(link), robot="nermo_lite"))
-    graph.spin_until(
-        lambda: any(text == "waiting for the first command" for text in status), "the driver has found its device"
-    )
-    code, output = graph.stop(driver)
+    code, output = graph.stop(mouse.driver)
     assert code == 0, output
     assert "Traceback" not in output
 
