@@ -1,5 +1,5 @@
 """What goes wrong with recordings, in words for the person who runs the program."""
 
+from nermo_node.recording import RecordingError
 
-class RecordingError(RuntimeError):
-    """A recording cannot be written or read; the message is one sentence that names the file and the reason."""
+__all__ = ["RecordingError"]
