@@ -14,6 +14,7 @@ from nermo_description.blocks.head import build_head
 from nermo_description.blocks.leg import build_leg, knee_angle
 from nermo_description.blocks.spine import build_spine, hip_frame
 from nermo_description.blocks.tail import build_tail
+from nermo_description.deviations import enter_deviations
 from nermo_description.parameters import LEGS, RobotParameters
 
 SCENES = Path(str(files("nermo_description"))) / "scenes"
@@ -50,6 +51,7 @@ def build_robot(robot: RobotParameters) -> mujoco.MjSpec:
     draft = spec.compile()
     _string_tendons(spec, draft, robot)
     _balance(spec, draft, robot)
+    enter_deviations(spec, robot)
     return spec
 
 

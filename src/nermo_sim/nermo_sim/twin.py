@@ -18,6 +18,7 @@ from nermo_control.blend import smooth
 from nermo_control.types import Odometry
 from nermo_description.model import build_model
 from nermo_description.parameters import LEGS, RobotParameters
+from nermo_sim.command_path import CommandPath
 from nermo_sim.divergence import StateHistory
 from nermo_sim.layout import ModelLayout
 from nermo_sim.sensor_data import SensorData, SensorNoise
@@ -114,6 +115,8 @@ class Twin:
         self._deviations = None if noise is None else noise.deviations(self.layout, self.model.nsensordata)
         self._random = np.random.default_rng(seed)
         self._friction = self.model.geom_friction.copy()
+        path = CommandPath(robot, self.layout.servos, period_ns * 1e-9)
+        self._path = None if path.neutral else path
         self._history = StateHistory(self.model, max(1, round(1e9 / period_ns)))
 
         # Views into MjData stay valid for its whole life; taking them once saves an attribute lookup a tick.
@@ -164,6 +167,8 @@ class Twin:
         self._pushes.clear()
         self._history.clear()
         self._history.add(self.data, self._control)
+        if self._path is not None:
+            self._path.clear()
         self.diverged = None
         self._state = CommandState.WAITING
         self._silent_ns = 0
@@ -189,6 +194,8 @@ class Twin:
         if self._pushes:
             self._apply_pushes()
         target = self._goal if self._move_ns is None else self._moving_target()
+        if self._path is not None:
+            target = self._on_the_way(self._path, target)
         if self._interpolate:
             start = self._control.copy()
             for share in self._substep_shares:
@@ -295,6 +302,13 @@ class Twin:
             self._state = CommandState.FOLLOWING
             if np.abs(self._goal - self._control).max() > RESUME_JUMP:
                 self._begin_move()
+
+    def _on_the_way(self, path: CommandPath, target: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The target as it arrives at the servos of a mouse that deviates."""
+        arrived = target.copy()
+        actuators = self.layout.actuators
+        arrived[actuators] = path(target[actuators], self._sensordata[self.layout.servo_position])
+        return arrived
 
     def _be_silent(self) -> None:
         if self._state is CommandState.WAITING:
