@@ -24,20 +24,20 @@ from nermo_gap.core.isolability import confusion, isolability
 from nermo_gap.core.library import enumerate_effects
 from nermo_gap.core.next_experiment import Proposal, propose
 from nermo_gap.core.noise import noise_floor
-from nermo_gap.core.nuisance import enumerate_nuisances
+from nermo_gap.core.nuisance import Nuisance, enumerate_nuisances
 from nermo_gap.core.plant import Plant
 from nermo_gap.core.plausibility import check_map, check_replay
 from nermo_gap.core.recording import Recording, concatenate
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.residual import Residuals
 from nermo_gap.core.scales import measure_scales
-from nermo_gap.core.select import Selection, Selector
+from nermo_gap.core.select import Effort, Selection, Selector
 from nermo_gap.core.state import measured_state
 from nermo_gap.core.structure import predictable_share
 from nermo_gap.core.variant import Variant
 from nermo_gap.core.verdict import Verdict, judge
-from nermo_gap.core.where import bands, locate
-from nermo_gap.core.windows import affordable, cut
+from nermo_gap.core.where import Phases, bands, locate
+from nermo_gap.core.windows import HORIZON, affordable, cut
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -57,6 +57,21 @@ class Options:
     only: tuple[str, ...] = ()
     """Names of the effects to consider; all where empty."""
     progress: Progress | None = None
+    keep: Callable[[Effect], bool] | None = None
+    """Which candidates make sense on this robot; all where None."""
+    nuisances: Callable[[Plant, Array, Array, float], list[Nuisance]] = enumerate_nuisances
+    """What may be off about this robot without being a fault; takes what `enumerate_nuisances` takes."""
+    effort: Effort = field(default_factory=Effort)
+    max_windows: int | None = None
+    """By default as many as the model is worth."""
+    horizon: float = HORIZON
+    """[s] of a window."""
+    resolution: dict[str, float] = field(default_factory=dict)
+    """Least noise floor by output [unit of the channel]: what its sensor can resolve, however quiet it looks."""
+    trusted: tuple[str, ...] = ()
+    """Joints whose measured start of a window is taken as it is (a stiff servo forgets an error at once)."""
+    phases: Phases | None = None
+    """Phases of each channel's motion for `where`; by the channel's own speed where None."""
     menu: Menu | None = None
     """Where the next experiment is chosen from; by default the one that suits any robot with inputs."""
 
@@ -76,6 +91,8 @@ class Diagnosis:
     aligned: Aligned
     report: dict[str, Any]
     proposal: Proposal | None = None
+    menu: Menu | None = None
+    """Where the proposal comes from."""
 
 
 def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | None = None) -> Diagnosis:
@@ -87,20 +104,22 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     options = options or Options()
     started = time.monotonic()
     aligned = align(concatenate(list(recordings)), plant)
-    floor = noise_floor(aligned)
+    floor = np.maximum(noise_floor(aligned), [options.resolution.get(o.name, 0.0) for o in plant.outputs])
     warnings = [*plant.warnings, *aligned.warnings]
     warnings += check_map(plant, aligned, measured_state(plant, aligned, floor))
-    windows = cut(aligned, most=affordable(plant.model))
+    windows = cut(aligned, options.horizon, most=options.max_windows or affordable(plant.model))
     replayer = Replayer(plant, aligned, windows, floor, options.threads)
     nominal = Variant.nominal(plant)
     context = Context(plant, measure_scales(replayer, nominal), options.groups)
     effects = enumerate_effects(context, options.extra_effects, options.only)
+    if options.keep is not None:
+        effects = [effect for effect in effects if options.keep(effect)]
     size = np.sqrt((aligned.inputs**2).mean(axis=0))
-    nuisances = enumerate_nuisances(plant, aligned.outputs.std(axis=0), size, aligned.period)
+    nuisances = options.nuisances(plant, aligned.outputs.std(axis=0), size, aligned.period)
     check_replay(plant, aligned.outputs[windows.rows()], replayer.run([nominal])[0])
-    residuals = Residuals.build(replayer, nominal)
+    residuals = Residuals.build(replayer, nominal, trusted=options.trusted)
     fitter = Fitter(residuals, nuisances)
-    selector = Selector(fitter, effects, options.seed, options.progress)
+    selector = Selector(fitter, effects, options.seed, options.progress, options.effort)
     selection = selector.run()
     structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
     verdict = judge(selector, selection, structure)
@@ -112,7 +131,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     report["warnings"] = warnings
     report["replayed_s"] = replayer.simulated_seconds
     report["wall_s"] = time.monotonic() - started
-    return Diagnosis(verdict, selection, selector, aligned, report, proposal)
+    return Diagnosis(verdict, selection, selector, aligned, report, proposal, options.menu)
 
 
 def _report(
@@ -138,8 +157,8 @@ def _report(
         "verdict": verdict.kind,
         "reasons": verdict.reasons,
         "gap": _gap(selector, selection, fitter.mean_square(nominal)),
-        "where": locate(residuals, nominal),
-        "left": locate(residuals, best.fit.residual),
+        "where": locate(residuals, nominal, options.phases),
+        "left": locate(residuals, best.fit.residual, options.phases),
         "frequency": bands(residuals, nominal),
         "effects": _effects(selector, selection),
         "ranking": [

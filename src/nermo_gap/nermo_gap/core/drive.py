@@ -96,15 +96,31 @@ class Follow:
         row, share = np.minimum(row, last), (position - int(position))
         qpos, qvel = self._batch.qpos, self._batch.qvel
         if len(self._dof):
-            value = _between(self._position, self._index, row, share) + (0.0 if shift is None else shift)
-            rate = _between(self._velocity, self._index, row, share) + (0.0 if rate_shift is None else rate_shift)
+            nm = len(self._dof)
+            value = _between(self._position, self._index, row, share) + (0.0 if shift is None else shift[:, :nm])
+            rate = _between(self._velocity, self._index, row, share)
+            rate = rate + (0.0 if rate_shift is None else rate_shift[:, :nm])
             qpos[:, self._qpos] = value[:, self._known]
             qvel[:, self._dof] = rate
         if self._base is not None:
             pose = _between(self._pose, self._index, row, share)
+            twist = _between(self._twist, self._index, row, share)
+            if shift is not None:
+                pose[:, :3] += shift[:, -6:-3]
+                pose[:, 3:] = _turned(pose[:, 3:], shift[:, -3:])
+            if rate_shift is not None:
+                twist = twist + rate_shift[:, -6:]
             pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
             qpos[:, self._base[0] : self._base[0] + 7] = pose
-            qvel[:, self._base[1] : self._base[1] + 6] = _between(self._twist, self._index, row, share)
+            qvel[:, self._base[1] : self._base[1] + 6] = twist
+
+
+def _turned(quaternion: Array, angle: Array) -> Array:
+    """Quaternions (n, 4), w first, turned by small angles (n, 3) [rad] about their own axes."""
+    w, v = quaternion[:, :1], quaternion[:, 1:]
+    return np.concatenate(
+        [w - 0.5 * (v * angle).sum(1, keepdims=True), v + 0.5 * (w * angle + np.cross(v, angle))], axis=1
+    )
 
 
 def _between(series: Array, index: Ints, row: Ints, share: float) -> Array:

@@ -51,8 +51,12 @@ def _deviation(aligned: Aligned, values: Array, valid: NDArray[np.bool_]) -> Arr
         residuals = []
         for run in aligned.runs:
             y, ok = values[run.start : run.stop, i], valid[run.start : run.stop, i]
-            if len(y) <= _WINDOW:
+            rows = np.flatnonzero(ok)
+            if len(rows) <= _WINDOW:
                 continue
+            # A channel slower than the grid is judged by its own samples.
+            step = max(round(float(np.median(np.diff(rows)))), 1)
+            y, ok = y[rows[0] :: step], ok[rows[0] :: step]
             residual = (y - np.convolve(y, smoother, mode="same"))[_WINDOW:-_WINDOW]
             whole = np.convolve(ok, np.ones(_WINDOW), mode="same")[_WINDOW:-_WINDOW] > _WINDOW - 0.5
             residuals.append(residual[whole])

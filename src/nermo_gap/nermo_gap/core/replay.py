@@ -98,7 +98,8 @@ class Replayer:
     ) -> Array:
         """Outputs (n, ns, no) of n (variant, window) pairs.
 
-        ``shift`` and ``rate_shift`` (n, nm) are added to the measured coordinates and rates where a window starts.
+        ``shift`` and ``rate_shift`` (n, state.size) are added to the measured coordinates and rates where a window
+        starts; a measured base comes last, as position, rotation about its own axes, and twist.
         """
         rows, shared_inputs, shared_states = self._prepare(variants)
         out = np.empty((len(which), len(self.windows.sample), len(self.plant.outputs)))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
@@ -50,18 +51,28 @@ class Residuals:
     mask: NDArray[np.bool_]
     _basis: Array
     _shrink: Array
+    _doubted: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
     input_error: float = 0.0
     """Size of the wander of measured inputs, in their root mean square."""
 
     @classmethod
-    def build(cls, replayer: Replayer, reference: Variant, start: bool = True) -> Residuals:
-        """Prepare for one recording; ``reference`` is the variant about which the start's influence is computed."""
+    def build(
+        cls, replayer: Replayer, reference: Variant, start: bool = True, trusted: Collection[str] = ()
+    ) -> Residuals:
+        """Prepare for one recording; ``reference`` is the variant about which the start's influence is computed.
+
+        ``trusted`` are joints whose measured start is taken as it is.
+        """
         rows = replayer.windows.rows()
         live = np.flatnonzero(replayer.aligned.live)
         measured, mask = replayer.aligned.outputs[rows][..., live], replayer.aligned.valid[rows][..., live]
         size = mask.shape[1] * mask.shape[2]
         made = cls(replayer, live, measured, mask, np.zeros((len(rows), size, 0)), np.zeros((len(rows), 0)))
-        if start and len(replayer.state.dof):
+        state, model = replayer.state, replayer.plant.model
+        joints = [model.joint(int(model.dof_jntid[dof])).name for dof in state.dof]
+        doubted = [i for i in range(state.size) if i >= len(joints) or joints[i] not in trusted]
+        made._doubted = np.array(doubted, np.int64)
+        if start and doubted:
             made.update_start(reference)
         return made
 
@@ -102,12 +113,13 @@ class Residuals:
 
     def update_start(self, reference: Variant) -> None:
         """Recompute how an error of the start shows, about ``reference``."""
-        state, nw = self.replayer.state, len(self.replayer.windows)
-        nm = len(state.dof)
+        state, nw, which_coordinates = self.replayer.state, len(self.replayer.windows), self._doubted
+        sd, rate_sd = state.start_sd
+        nm = len(which_coordinates)
         count = 1 + 2 * nm
-        shift, rate_shift = np.zeros((count, nm)), np.zeros((count, nm))
-        shift[1 : 1 + nm] = np.diag(_START_SD * state.position_sd)
-        rate_shift[1 + nm :] = np.diag(_START_SD * state.velocity_sd)
+        shift, rate_shift = np.zeros((count, state.size)), np.zeros((count, state.size))
+        shift[1 : 1 + nm] = np.diag(_START_SD * sd)[which_coordinates]
+        rate_shift[1 + nm :] = np.diag(_START_SD * rate_sd)[which_coordinates]
         window = np.tile(np.arange(nw), count)
         which = np.zeros(count * nw, np.int64)
         outputs = self.replayer.run_pairs(

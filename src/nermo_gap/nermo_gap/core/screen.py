@@ -50,17 +50,46 @@ def screen(
     fit: Fit,
     effects: Sequence[Effect],
     progress: Callable[[float], None] | None = None,
+    hopeful: int | None = None,
 ) -> list[Screened]:
     """Rank candidates, each added to ``fit``'s hypothesis; best first.
+
+    Where a model has more than ``hopeful`` candidates, a look at fewer windows from moderate starts only leaves out
+    what promises least.
 
     The residual at a start value is a true replay; between it and the residual without the effect, and in the
     nuisances, it is taken for linear. One start is kept for each candidate.
     """
-    jobs = [(effect, np.array(start)) for effect in effects for start in effect.starts()]
-    count = int(np.clip(WINDOWS * _JOBS / max(len(jobs), 1), _FEWEST, WINDOWS))
-    select = informative_windows(fitter, fit, count)
+    chosen, done = list(effects), 0.0
+    if hopeful is not None and len(chosen) > hopeful:
+        starts = {id(e): _moderate(e.starts()) for e in chosen}
+        few = informative_windows(fitter, fit, WINDOWS // 4)
+        ranked = _ranked(fitter, fit, chosen, starts, few, progress, (0.0, 0.6))
+        chosen, done = [s.effect for s in ranked[:hopeful]], 0.6
+    starts = {id(e): e.starts() for e in chosen}
+    jobs = sum(len(tries) for tries in starts.values())
+    count = int(np.clip(WINDOWS * _JOBS / max(jobs, 1), _FEWEST, WINDOWS))
+    return _ranked(fitter, fit, chosen, starts, informative_windows(fitter, fit, count), progress, (done, 1.0))
+
+
+def _moderate(starts: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
+    """Neither the weakest nor, of more than three, the strongest."""
+    return starts[1:] if len(starts) == 3 else starts[1:-1] if len(starts) == 4 else starts
+
+
+def _ranked(
+    fitter: Fitter,
+    fit: Fit,
+    effects: Sequence[Effect],
+    starts: dict[int, list[tuple[float, ...]]],
+    select: Ints,
+    progress: Callable[[float], None] | None,
+    span: tuple[float, float],
+) -> list[Screened]:
+    """Candidates by what their best start promises on the selected windows, best first."""
     base = fit.residual[select]
     project = _projector(fitter, base, select)
+    jobs = [(effect, np.array(start)) for effect in effects for start in starts[id(effect)]]
     best: dict[int, Screened] = {}
     for first in range(0, len(jobs), _BATCH):
         part = jobs[first : first + _BATCH]
@@ -72,7 +101,7 @@ def screen(
             if id(effect) not in best or cost < best[id(effect)].cost:
                 best[id(effect)] = Screened(effect, start, z, cost, project(residual - base))
         if progress:
-            progress(min(first + _BATCH, len(jobs)) / len(jobs))
+            progress(span[0] + (span[1] - span[0]) * min(first + _BATCH, len(jobs)) / len(jobs))
     return sorted(best.values(), key=lambda s: s.cost)
 
 

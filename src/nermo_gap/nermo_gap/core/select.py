@@ -35,6 +35,23 @@ HOPELESS = 60.0
 MAX_EFFECTS = 3
 
 
+@dataclass(frozen=True)
+class Effort:
+    """How much is looked at; a model whose steps cost more gets less."""
+
+    hopeful: int | None = None
+    """Candidates that are screened thoroughly, after a glance at all; None: all of them."""
+    survivors: int = SURVIVORS
+    """Candidates that are fitted."""
+    finalists: int = FINALISTS
+    """Candidates that are refitted with sensitivities of their own."""
+    rounds: int = 3
+    """How often the winner is."""
+    partners: int = PARTNERS
+    """Candidates that are fitted as one effect more."""
+    max_effects: int = MAX_EFFECTS
+
+
 @dataclass
 class Scored:
     """A fit with its held-out score; smaller is better."""
@@ -84,8 +101,14 @@ class Selector:
     """Runs the competition on one recording."""
 
     def __init__(
-        self, fitter: Fitter, effects: Sequence[Effect], seed: int = 0, progress: Progress | None = None
+        self,
+        fitter: Fitter,
+        effects: Sequence[Effect],
+        seed: int = 0,
+        progress: Progress | None = None,
+        effort: Effort | None = None,
     ) -> None:
+        self._effort = effort or Effort()
         self.fitter, self.effects, self._progress = fitter, list(effects), progress
         windows = fitter.windows
         scored = np.flatnonzero(windows.fold >= 0)
@@ -137,7 +160,7 @@ class Selector:
         reference = self.scored(fitter.cross_validate(fitter.fit_nuisances()))
         assert fitter.nominal is not None
         screened = self._screen_about_nominal()
-        singles = self._fit_all([(Hypothesis((s.effect,)), s) for s in screened[:SURVIVORS]], "fit")
+        singles = self._fit_all([(Hypothesis((s.effect,)), s) for s in screened[: self._effort.survivors]], "fit")
         singles, reference = self._finals(singles, reference)
         nominal_square = fitter.mean_square(
             fitter.replay(Hypothesis(), [(np.zeros(0), np.zeros(len(fitter.nuisances)))])[0]
@@ -145,13 +168,13 @@ class Selector:
         result = Selection(reference, float(self.gaps(nominal_square)[0]), reference, singles, [], [], screened)
         self.nominal_square = nominal_square
         winner = self._simplest(singles)
-        if winner is None or not self._earns(reference, winner, len(screened)):
+        if winner is None or not self._earns(reference, winner, len(self.effects)):
             return result
         winner = self._follow(winner)
         singles = sorted([winner, *(s for s in singles if s.fit.hypothesis is not winner.fit.hypothesis)], key=_score)
         result.best, result.rivals = winner, singles
         result.gains.append(self.difference(reference.fit, winner.fit))
-        while len(result.best.fit.hypothesis.effects) < MAX_EFFECTS and result.best.gap > 1.15:
+        while len(result.best.fit.hypothesis.effects) < self._effort.max_effects and result.best.gap > 1.15:
             if not self._add(result, screened):
                 break
         self._grow(result)
@@ -162,7 +185,13 @@ class Selector:
         fitter = self.fitter
         assert fitter.nominal is not None
         kept, fitter.jacobian = fitter.jacobian, fitter.nominal_jacobian
-        screened = screen(fitter, fitter.nominal, self.effects, lambda share: self._say("screen", share))
+        screened = screen(
+            fitter,
+            fitter.nominal,
+            self.effects,
+            lambda share: self._say("screen", share),
+            self._effort.hopeful,
+        )
         fitter.jacobian = kept
         return screened
 
@@ -195,7 +224,7 @@ class Selector:
         leader = singles[0].fit if singles[0].score < reference.score else reference.fit
         fitter.residuals.update_start(fitter.variant(leader.hypothesis, leader.x, leader.z))
         again = []
-        hopeful = [s for s in singles[:FINALISTS] if s.score < singles[0].score + HOPELESS]
+        hopeful = [s for s in singles[: self._effort.finalists] if s.score < singles[0].score + HOPELESS]
         for i, scored in enumerate([*hopeful, reference]):
             self._say("finals", i / (len(hopeful) + 1))
             fit = fitter.fit(scored.fit.hypothesis, scored.fit.x, scored.fit.z, iterations=1)
@@ -235,8 +264,10 @@ class Selector:
         fitter.refresh(base.fit.hypothesis, base.fit.x, base.fit.z, base.fit.residual)
         present = {e.key for e in base.fit.hypothesis.effects}
         others = [e for e in self.effects if e.key not in present]
-        partners = screen(fitter, base.fit, others, lambda share: self._say("screen partners", share))
-        jobs = [(base.fit.hypothesis.with_effect(s.effect), s) for s in partners[:PARTNERS]]
+        partners = screen(
+            fitter, base.fit, others, lambda share: self._say("screen partners", share), self._effort.hopeful
+        )
+        jobs = [(base.fit.hypothesis.with_effect(s.effect), s) for s in partners[: self._effort.partners]]
         pairs = self._fit_all(jobs, "fit partners", base.fit)
         if not pairs:
             return False
@@ -244,7 +275,7 @@ class Selector:
         polished = [self.scored(fitter.polish(p.fit)) for p in pairs[:2] if p.score < pairs[0].score + HOPELESS]
         pairs = sorted([*polished, *pairs[len(polished) :]], key=_score)
         best = self._simplest(pairs)
-        if best is None or not self._earns(base, best, len(partners)):
+        if best is None or not self._earns(base, best, len(others)):
             return False
         result.gains.append(self.difference(base.fit, best.fit))
         best = self._follow(best)
@@ -273,7 +304,7 @@ class Selector:
 
     def _follow(self, scored: Scored) -> Scored:
         """A winner fitted to the end."""
-        better = self.scored(self.fitter.polish(scored.fit, rounds=3))
+        better = self.scored(self.fitter.polish(scored.fit, rounds=self._effort.rounds))
         return better if better.fit.cost <= scored.fit.cost else scored
 
     def _swap(self, pairs: list[Scored], screened: Sequence[Screened]) -> list[Scored]:

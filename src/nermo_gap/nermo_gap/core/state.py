@@ -30,6 +30,7 @@ class MeasuredState:
         base: address of the free joint's qpos and dof whose pose is measured, or None.
         pose: (n, 7) position and quaternion of that base.
         twist: (n, 6) its linear velocity (world axes) and angular velocity (body axes).
+        pose_sd, twist_sd: (6,) standard errors of position [m] and rotation [rad], and of the twist; (0,) without base.
     """
 
     qpos: Ints
@@ -41,6 +42,18 @@ class MeasuredState:
     base: tuple[int, int] | None
     pose: Array
     twist: Array
+    pose_sd: Array
+    twist_sd: Array
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates that a window's start takes from the recording; a base counts six."""
+        return len(self.dof) + len(self.pose_sd)
+
+    @property
+    def start_sd(self) -> tuple[Array, Array]:
+        """Standard errors (size,) of all of them and of their rates, the base last."""
+        return np.concatenate([self.position_sd, self.pose_sd]), np.concatenate([self.velocity_sd, self.twist_sd])
 
     def complete(self, model: mujoco.MjModel) -> bool:
         """Whether every coordinate of the model is measured."""
@@ -88,7 +101,7 @@ def measured_state(plant: Plant, aligned: Aligned, floor: Array, outputs: Array 
         weights = np.array([1.0 / r[1] ** 2 for r in rates])
         velocity[:, j] = sum(w * r[0] for w, r in zip(weights, rates, strict=True)) / weights.sum()
         velocity_sd[j] = float(weights.sum() ** -0.5)
-    base, pose, twist = _base(plant, aligned, y, smooth, slope)
+    base, pose, twist, pose_sd, twist_sd = _base(plant, aligned, y, floor, smooth, slope)
     return MeasuredState(
         np.array([c[1] for c in columns], np.int64),
         np.array([c[0] for c in columns], np.int64),
@@ -99,6 +112,8 @@ def measured_state(plant: Plant, aligned: Aligned, floor: Array, outputs: Array 
         base,
         pose,
         twist,
+        pose_sd,
+        twist_sd,
     )
 
 
@@ -120,10 +135,10 @@ def _filter(values: Array, kernel: Array, aligned: Aligned) -> Array:
 
 
 def _base(
-    plant: Plant, aligned: Aligned, y: Array, smooth: Array, slope: Array
-) -> tuple[tuple[int, int] | None, Array, Array]:
-    """Pose and twist of a free body whose frame position and orientation are both measured."""
-    model, none = plant.model, (None, np.zeros((0, 7)), np.zeros((0, 6)))
+    plant: Plant, aligned: Aligned, y: Array, floor: Array, smooth: Array, slope: Array
+) -> tuple[tuple[int, int] | None, Array, Array, Array, Array]:
+    """Pose and twist of a free body whose frame position and orientation are both measured, and their errors."""
+    model, none = plant.model, (None, np.zeros((0, 7)), np.zeros((0, 6)), np.zeros(0), np.zeros(0))
     free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
     for joint in free:
         body = int(model.jnt_bodyid[joint])
@@ -146,7 +161,10 @@ def _base(
         rate = np.stack([_filter(quaternion[:, i], slope, aligned) for i in range(4)], 1)
         angular = 2.0 * _multiply(_conjugate(quaternion), rate)[:, 1:]
         pose, twist = np.concatenate([position, quaternion], 1), np.concatenate([linear, angular], 1)
-        return (int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])), pose, twist
+        # A small rotation moves a unit quaternion by half its angle.
+        sd = np.concatenate([floor[place[0]], np.full(3, 2.0 * float(np.sqrt(np.mean(floor[turn[0]] ** 2))))])
+        pose_sd, twist_sd = sd * float(np.linalg.norm(smooth)), sd * float(np.linalg.norm(slope))
+        return (int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])), pose, twist, pose_sd, twist_sd
     return none
 
 

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
+from nermo_gap.core.align import Aligned
+from nermo_gap.core.plant import OutputChannel
 from nermo_gap.core.residual import Residuals
 
 Array = NDArray[np.float64]
+Phases = Callable[[Aligned, OutputChannel], dict[str, NDArray[np.bool_]] | None]
+"""The rows (n,) of the grid that belong to each named phase of a channel; None where the channel knows none."""
 
 _BANDS = ((0.0, 1.0), (1.0, 3.0), (3.0, 10.0), (10.0, np.inf))
 _REVERSAL = 0.05
 """[s] about a change of direction."""
 
 
-def locate(residuals: Residuals, residual: Array) -> list[dict[str, object]]:
+def locate(residuals: Residuals, residual: Array, phases: Phases | None = None) -> list[dict[str, object]]:
     """Shares of the gap beyond the noise floor by channel and phase, largest first; they add up to 1.
 
-    The phases of a channel that measures a coordinate are ``standstill``, ``reversal`` and ``moving``; others have one.
+    Without ``phases`` of its own a channel that measures a coordinate has ``standstill``, ``reversal`` and ``moving``;
+    others have one.
     Channels are weighed by amplitude rather than power, so that one sensor with a low floor does not hide the rest.
     """
     replayer = residuals.replayer
@@ -29,7 +36,9 @@ def locate(residuals: Residuals, residual: Array) -> list[dict[str, object]]:
         mask = residuals.mask[..., c]
         amplitude = float(np.sqrt(max(square[mask].mean() - 1.0, 0.0))) if mask.any() else 0.0
         power = float(square[mask].sum()) or 1.0
-        for phase, inside in _phases(residuals, channel, rows).items():
+        given = None if phases is None else phases(replayer.aligned, output)
+        by_phase = _phases(residuals, channel, rows) if given is None else {n: m[rows] for n, m in given.items()}
+        for phase, inside in by_phase.items():
             share = amplitude * float(square[mask & inside].sum()) / power
             found.append({"channel": output.name, "subsystem": output.subsystem, "phase": phase, "share": share})
     total = sum(float(str(f["share"])) for f in found) or 1.0
