@@ -1,0 +1,1 @@
+"""Which effects explain results that are known as numbers in a table only."""

@@ -1,0 +1,96 @@
+"""Published tables: reading them, finding the effects behind them, and going on where it stopped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from nermo_description.parameter_files import ParameterError
+from nermo_description.robots import load_robot
+from nermo_gap.cli import gap_app
+from nermo_gap.explain.candidates import candidates
+from nermo_gap.explain.evaluate import Evaluator, Point, Results
+from nermo_gap.explain.report import _SHIPPED
+from nermo_gap.explain.search import explain
+from nermo_gap.explain.summary import Cell, Run, Summary, load_summary
+
+TROT = Run(experiment="straight_line")
+ARC = Run(experiment="turning", strategy="spine")
+LIFT = Run(experiment="balance", leg="rear_left")
+
+
+def robot_of_paper(points: Sequence[Point], runs: Sequence[Run], progress: object = None) -> list[Results]:
+    """Its speed falls with servo gain, its arc is lost with a soft spine, and its lift fails with mass."""
+    found = []
+    for point in points:
+        values = {(d.effect, d.sites[0]): next(iter(d.values.values())) for d in point}
+        gain = values.get(("servo_gain", "front_left_hip"), 1.0)
+        spine = values.get(("joint_stiffness", "spine_lateral_1_joint"), 1.0)
+        mass = values.get(("mass", "torso"), 0.0)
+        number = {
+            TROT.key: 0.08 * (0.5 + 0.5 * gain),
+            ARC.key: 13.0 / spine if spine > 0.35 else math.inf,
+            LIFT.key: float(mass < 0.03),
+        }
+        found.append({run.key: number[run.key] for run in runs})
+    return found
+
+
+def test_two_effects_that_each_explain_a_part_are_found_together() -> None:
+    summary = Summary(
+        name="paper",
+        robot="nermo_lite",
+        cells=(
+            Cell(name="speed", source="made up", run=TROT, relative=True, low=0.80, high=0.90),
+            Cell(name="arc", source="made up", run=ARC, passed=False),
+            Cell(name="lift", source="made up", run=LIFT, passed=True),
+        ),
+    )
+    before, found = explain(summary, candidates(load_robot("nermo_lite")), robot_of_paper)  # type: ignore[arg-type]
+    assert sum(before.met) == 1
+    best = found[0]
+    assert {p.candidate.key for p in best.parts} == {"servo_gain@all", "joint_stiffness@spine"}
+    assert all(best.met) and best.distance == 0.0
+    alone = [e for e in found if len(e.parts) == 1]
+    assert max(sum(e.met) for e in alone) == 2
+
+
+def test_the_thesis_table_is_whole() -> None:
+    summary = load_summary(_SHIPPED / "thesis_robot.yaml")
+    assert len(summary.cells) == 16 and len(summary.runs) == 14
+    known = {c.key for c in candidates(load_robot(summary.robot))}
+    assert set(summary.blamed) <= known
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("name: x\nrobot: nermo_lite\ncells: []\n", "cells"),
+        (
+            "name: x\nrobot: nermo_lite\ncells: [{name: a, source: b, run: {experiment: straight_line}}]\n",
+            "give either passed, or low and high",
+        ),
+        ("name: x\nrobot: nermo_lite\ncells: [{name: a, source: b, run: {experiment: flying}}]\n", "flying"),
+    ],
+)
+def test_a_table_that_makes_no_sense_is_refused(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "summary.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ParameterError, match=words):
+        load_summary(path)
+    answer = CliRunner().invoke(gap_app, ["explain", str(path), "--out", str(tmp_path / "out")])
+    assert answer.exit_code == 2 and "summary.yaml" in answer.output
+
+
+def test_what_has_been_run_is_not_run_again(tmp_path: Path) -> None:
+    run = Run(experiment="balance", leg="front_left")
+    heavy = next(c for c in candidates(load_robot("nermo_lite")) if c.key == "mass@torso").deviation(0.02)
+    first = Evaluator("nermo_lite", tmp_path, 1)([(), (heavy,)], [run])
+    assert first[0][run.key] == 1.0
+    seen: list[tuple[int, int]] = []
+    again = Evaluator("nermo_lite", tmp_path, 1)([(), (heavy,)], [run], lambda done, total: seen.append((done, total)))
+    assert again == first and seen == [(2, 2)]
