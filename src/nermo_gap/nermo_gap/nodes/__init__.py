@@ -1,0 +1,1 @@
+"""Nodes: whatever imports rclpy."""

@@ -1,0 +1,88 @@
+"""Node `gap_monitor`: a twin beside the robot on the same servo_command [c]; their gap by subsystem on /diagnostics."""
+
+from __future__ import annotations
+
+import sys
+
+from pydantic import BaseModel, ConfigDict, Field
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Imu, JointState
+
+from nermo_description.parameters import LEGS
+from nermo_description.robots import load_robot
+from nermo_gap.robots.channels import GYRO, encoder, position
+from nermo_gap.robots.live import FAR, LiveGap
+from nermo_interfaces.msg import ServoCommand, ServoStates
+from nermo_node import qos, run
+from nermo_node.diagnostics import OK, WARN, Diagnostics, Status
+from nermo_node.parameters import blame, declare
+from nermo_node.time import to_nanoseconds
+
+
+class GapMonitorParameters(BaseModel):
+    """Parameters of the node."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    robot: str = Field("nermo_lite", description="Name of a robot, or path of its parameter file")
+    control_rate: int = Field(
+        200, ge=10, le=1000, description="Ticks of the twin a second", json_schema_extra={"unit": "Hz"}
+    )
+
+
+class GapMonitor(Node):
+    """Tells the twin what the robot is told, and compares what the two measure."""
+
+    def __init__(self) -> None:
+        super().__init__("gap_monitor")
+        parameters = declare(self, GapMonitorParameters)
+        with blame("robot"):
+            robot = load_robot(parameters.robot)
+        with blame("control_rate"):
+            self._gap = LiveGap(robot, round(1e9 / parameters.control_rate))
+        # A command that is missed would let the twin go another way.
+        every = QoSProfile(depth=200, reliability=ReliabilityPolicy.RELIABLE)
+        self.create_subscription(ServoCommand, "servo_command", self._on_command, every)
+        self.create_subscription(ServoStates, "servo_states", self._on_states, qos.BEST_EFFORT)
+        self.create_subscription(JointState, "joint_states", self._on_joints, qos.BEST_EFFORT)
+        self.create_subscription(Imu, "imu/data_raw", self._on_imu, qos.BEST_EFFORT)
+        Diagnostics(self, robot.name, {"gap": self._status})
+
+    def _on_command(self, message: ServoCommand) -> None:
+        if len(message.name) == len(message.position):
+            positions = dict(zip(message.name, message.position, strict=True))
+            self._gap.command(to_nanoseconds(message.header.stamp), positions)
+
+    def _on_states(self, message: ServoStates) -> None:
+        values = {position(name): value for name, value in zip(message.name, message.position, strict=False)}
+        self._gap.measured(to_nanoseconds(message.header.stamp), values)
+
+    def _on_joints(self, message: JointState) -> None:
+        angles = dict(zip(message.name, message.position, strict=False))
+        knees = {encoder(leg): angles[f"{leg}_knee_joint"] for leg in LEGS if f"{leg}_knee_joint" in angles}
+        self._gap.measured(to_nanoseconds(message.header.stamp), knees)
+
+    def _on_imu(self, message: Imu) -> None:
+        rate = message.angular_velocity
+        self._gap.measured(to_nanoseconds(message.header.stamp), dict(zip(GYRO, (rate.x, rate.y, rate.z), strict=True)))
+
+    def _status(self) -> Status:
+        gap = self._gap.gap()
+        values = {f"{name.replace(' ', '_')}_gap": round(value, 2) for name, value in gap.items()}
+        values["restarts"] = self._gap.restarts
+        if not gap:
+            return WARN, "nothing to compare: no servo_command, or nothing measured", values
+        worst = max(gap, key=lambda name: gap[name])
+        if gap[worst] > FAR:
+            return WARN, f"the {worst} is {gap[worst]:.1f} sensor resolutions from its twin", values
+        return OK, "robot and twin agree", values
+
+
+def main() -> int:
+    """Runs the node."""
+    return run(GapMonitor)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
