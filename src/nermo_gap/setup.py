@@ -6,7 +6,7 @@ setup(
     name=package_name,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
-    package_data={package_name: ["py.typed", "examples/**/*", "report/*.j2"]},
+    package_data={package_name: ["py.typed", "examples/**/*", "report/*.j2", "summaries/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
@@ -18,5 +18,5 @@ setup(
     maintainer_email="maintainers@nermo.example",
     description="Diagnosis of the sim-to-real gap: where it lies, which effect causes it, how far it shrinks.",
     license="Apache-2.0",
-    entry_points={"console_scripts": []},
+    entry_points={"console_scripts": ["gap_monitor = nermo_gap.nodes.gap_monitor:main"]},
 )

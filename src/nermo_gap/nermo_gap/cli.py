@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from nermo_description.robots import ParameterError
 from nermo_gap.blind.cli import blind_app
 from nermo_gap.core.diagnose import Diagnosis, Options, diagnose, write_experiment, write_report
 from nermo_gap.core.errors import GapInputError
@@ -39,7 +40,12 @@ def _gap() -> None:
 
 @gap_app.command("diagnose")
 def diagnose_command(
-    recordings: Annotated[list[Path], typer.Argument(help="Tables (.csv, .npz, .parquet) with a header.")],
+    recordings: Annotated[
+        list[Path], typer.Argument(help="MCAPs of this system, or tables (.csv, .npz, .parquet) with a header.")
+    ],
+    robot: Annotated[
+        str | None, typer.Option(help="nermo, nermo_lite or a parameter file; by default what the recording says.")
+    ] = None,
     model: Annotated[Path | None, typer.Option(help="The nominal model, an MJCF.")] = None,
     map_: Annotated[Path | None, typer.Option("--map", help="YAML that maps columns to actuators and sensors.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for diagnosis.json and report.html.")] = None,
@@ -53,13 +59,15 @@ def diagnose_command(
 
     \b
     Example:
+      nermo gap diagnose recordings/today --robot nermo --out diagnosis
       nermo gap diagnose log.csv --model robot.xml --map map.yaml --json diagnosis.json
     """
-    if model is None or map_ is None:
-        _fail("a table needs --model MODEL.xml and --map MAP.yaml", 2)
+    mouse = robot is not None or any(r.suffix.lower() == ".mcap" or r.is_dir() for r in recordings)
+    if mouse and (model is not None or map_ is not None):
+        _fail("--model and --map are for tables of other robots; a recording of the mouse brings its own (--robot)", 2)
+    if not mouse and (model is None or map_ is None):
+        _fail("a table needs --model MODEL.xml and --map MAP.yaml, or --robot where it is one of the mouse", 2)
     try:
-        plant = build_plant(load_spec(model), load_map(map_))
-        tables = [recording_from_table(load_table(r), plant, str(r)) for r in recordings]
         extra = tuple(c for path in effects or () for c in load_effects(path))
         with _progress() as progress:
             task = progress.add_task("align", total=1.0)
@@ -67,17 +75,136 @@ def diagnose_command(
             def say(stage: str, share: float, bar: Progress = progress, id_: TaskID = task) -> None:
                 bar.update(id_, description=stage, completed=share)
 
-            found = diagnose(tables, plant, Options(seed, None, extra, {}, baselines, tuple(only or ()), say))
-    except GapInputError as error:
+            options = Options(seed, None, extra, {}, baselines, tuple(only or ()), say)
+            if model is not None and map_ is not None:
+                plant = build_plant(load_spec(model), load_map(map_))
+                tables = [recording_from_table(load_table(r), plant, str(r)) for r in recordings]
+                found = diagnose(tables, plant, options)
+            else:
+                # What knows the mouse is imported only for the mouse.
+                from nermo_gap.robots.diagnosis import diagnose_recordings
+
+                found = diagnose_recordings(recordings, robot, options)
+    except (GapInputError, ParameterError) as error:
         _fail(str(error), 2)
     found.report["command"] = " ".join(["nermo gap diagnose", *sys.argv[2:]])
     if out or json_:
-        write_experiment(found, out or json_.parent)  # type: ignore[union-attr]
+        write_experiment(found, out or json_.parent, found.menu)  # type: ignore[union-attr]
     for path in filter(None, [json_, out / "diagnosis.json" if out else None]):
         write_report(found.report, path)
     if out:
         write_page(found.report, gather(found), out / "report.html")
     _print(found)
+
+
+@gap_app.command("apply")
+def apply_command(
+    diagnosis: Annotated[Path, typer.Argument(help="The diagnosis.json of a recording of the mouse.")],
+    out: Annotated[Path, typer.Option(help="Robot file (.yaml) to write.")],
+    robot: Annotated[str | None, typer.Option(help="The robot that was diagnosed; by default what it says.")] = None,
+) -> None:
+    """Write the effects of a diagnosis as a robot that the twin, the experiments and the graph load.
+
+    
+    Example:
+      nermo gap apply diagnosis/diagnosis.json --out my_robot.yaml
+      nermo experiment straight-line --quick --robot my_robot.yaml
+    """
+    from nermo_gap.robots.apply import deviations_of, read_diagnosis, write_robot
+
+    if out.suffix not in (".yaml", ".yml"):
+        _fail(f"--out: {out} must end in .yaml", 2)
+    try:
+        report = read_diagnosis(diagnosis)
+        base = robot or str(report.get("robot_file") or report["robot"])
+        applied = deviations_of(report, base)
+        if report["verdict"] != "effect":
+            typer.echo(f"warning: the verdict was {report['verdict']}; the effects are its best guess", err=True)
+        if not applied.deviations:
+            _fail(
+                f"{diagnosis}: holds no effect that a robot file can hold ({'; '.join(applied.left_out) or 'none'})", 1
+            )
+        write_robot(applied.deviations, base, out)
+    except (GapInputError, ParameterError) as error:
+        _fail(str(error), 2)
+    for deviation in applied.deviations:
+        values = ", ".join(f"{n} {v:.4g}" for n, v in deviation.values.items())
+        typer.echo(f"{deviation.effect} at {', '.join(deviation.sites) or 'the world'}: {values}")
+    for line in applied.left_out:
+        typer.echo(f"left out: {line}", err=True)
+    typer.echo(f"written: {out}")
+
+
+@gap_app.command("explain")
+def explain_command(
+    summary: Annotated[Path, typer.Argument(help="SUMMARY.yaml, or thesis_robot for the thesis's own.")],
+    out: Annotated[Path, typer.Option(help="Folder for what has been run; a second call goes on there.")] = Path(
+        "explanation"
+    ),
+    json_: Annotated[Path | None, typer.Option("--json", help="File for the explanations.")] = None,
+    only: Annotated[list[str] | None, typer.Option(help="Look at this effect only, name@site (repeat).")] = None,
+    effects: Annotated[int, typer.Option(min=1, max=3, help="Largest number of effects at once.")] = 2,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; by default one a processor.")] = None,
+) -> None:
+    """Say which effects reproduce a table of published results: speeds, ratios, arc times, lifts.
+
+    
+    Example:
+      nermo gap explain thesis_robot --out explanation --json explanation.json
+    """
+    from nermo_gap.explain.report import explain_file, print_explanations
+
+    try:
+        with _progress() as progress:
+            task = progress.add_task("experiments", total=1.0)
+
+            def say(stage: str, done: int, total: int, bar: Progress = progress, id_: TaskID = task) -> None:
+                bar.update(id_, description=stage, completed=done / max(total, 1))
+
+            report = explain_file(summary, out, only or [], effects, workers, say)
+    except (GapInputError, ParameterError) as error:
+        _fail(str(error), 2)
+    report["command"] = " ".join(["nermo gap explain", *sys.argv[2:]])
+    if json_ is not None:
+        write_report(report, json_)
+    print_explanations(report)
+
+
+@gap_app.command("predict")
+def predict_command(
+    diagnosis: Annotated[Path, typer.Argument(help="The diagnosis.json of a recording of the mouse.")],
+    out: Annotated[Path, typer.Option(help="Folder for what has been run; a second call goes on there.")] = Path(
+        "prediction"
+    ),
+    json_: Annotated[Path | None, typer.Option("--json", help="File for the predictions.")] = None,
+    robot: Annotated[str | None, typer.Option(help="The robot that was diagnosed; by default what it says.")] = None,
+    quick: Annotated[bool, typer.Option(help="The straight line only.")] = False,
+) -> None:
+    """Say how the experiments would go with what a diagnosis has found, in closed loop.
+
+    
+    Example:
+      nermo gap predict diagnosis/diagnosis.json --quick
+    """
+    from nermo_gap.explain.predict import predict, print_predictions
+    from nermo_gap.robots.apply import deviations_of, read_diagnosis
+
+    try:
+        report = read_diagnosis(diagnosis)
+        base = robot or str(report.get("robot_file") or report["robot"])
+        applied = deviations_of(report, base)
+        with _progress() as progress:
+            task = progress.add_task("experiments", total=1.0)
+
+            def say(done: int, total: int, bar: Progress = progress, id_: TaskID = task) -> None:
+                bar.update(id_, completed=done / max(total, 1))
+
+            rows = predict(base, applied.deviations, out, quick, say)
+    except (GapInputError, ParameterError) as error:
+        _fail(str(error), 2)
+    if json_ is not None:
+        write_report({"schema": "nermo_gap/prediction/1", "robot": base, "rows": rows}, json_)
+    print_predictions(rows)
 
 
 def _progress() -> Progress:

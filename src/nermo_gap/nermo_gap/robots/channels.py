@@ -1,0 +1,126 @@
+"""What each mouse really measures, as columns of a table and as a map for the core.
+
+Nermo has servos that report position and current, encoders at the knees and an IMU; Nermo-Lite reports nothing, and is
+seen by an outside camera or motion tracker alone (N 4.3, A.2). A tracker may watch Nermo too. Ground truth of a
+simulation is never used, except that its pose of base_link stands in for the tracker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from nermo_description.parameters import LEGS, RobotParameters
+from nermo_gap.core.mapping import Map, parse_map
+
+TRACKER = ("base_x", "base_y", "base_z", "base_qw", "base_qx", "base_qy", "base_qz")
+"""Pose of base_link in the tracker's frame, z up: [m] and quaternion."""
+GYRO = ("gyro_x", "gyro_y", "gyro_z")
+"""[rad/s], IMU axes."""
+RESOLUTION = {
+    "position": 1e-3,  # [rad] chosen: a magnetic encoder of 12 bits has 1.5e-3
+    "torque": 2e-3,  # [N m] chosen: 1 % of the stall torque, from a current of 10 bits
+    "encoder": 1.5e-3,  # [rad] 12 bits
+    "gyro": 5e-3,  # [rad/s] chosen: a cheap MEMS gyro over 100 Hz
+    "place": 1e-4,  # [m] chosen: a motion tracker of 0.1 mm
+    "quaternion": 5e-4,  # chosen: 1 mrad
+}
+"""No noise floor is below these: what the sensors can resolve."""
+
+
+@dataclass(frozen=True)
+class Channels:
+    """Which kinds of sensors a robot has."""
+
+    servos: bool
+    """Positions and, where they are there, torques from their currents."""
+    knees: bool
+    gyro: bool
+    tracker: bool
+
+    @classmethod
+    def of(cls, robot: RobotParameters) -> Channels:
+        """What the robot has: Nermo's boards report, Nermo-Lite's servos do not."""
+        reports = robot.servo_type.integral_gain > 0.0 or "spine_vertical" in robot.servos
+        return cls(servos=reports, knees=reports, gyro=reports, tracker=True)
+
+
+def command(servo: str) -> str:
+    """Column of a servo's command [rad]."""
+    return f"{servo}_command"
+
+
+def position(servo: str) -> str:
+    """Column of a servo's measured position [rad]."""
+    return f"{servo}_position"
+
+
+def torque(servo: str) -> str:
+    """Column of a servo's torque as its current tells it [N m]."""
+    return f"{servo}_torque"
+
+
+def encoder(leg: str) -> str:
+    """Column of a knee encoder, theta1 [rad]."""
+    return f"{leg}_knee_encoder"
+
+
+def phase(leg: str) -> str:
+    """Column of a leg's phase: 0 stance, 1 swing."""
+    return f"{leg}_phase"
+
+
+def leg_servos(robot: RobotParameters) -> list[str]:
+    """Servos that move the mouse: legs and spine. Tail and head are driven, but not judged."""
+    return [s for s in robot.servos if s.startswith(("front", "rear", "spine"))]
+
+
+def robot_map(robot: RobotParameters, columns: Collection[str], channels: Channels | None = None) -> Map:
+    """The map of a table with these columns; a measurement that the table lacks is left out.
+
+    Raises:
+        GapInputError: nothing is commanded or measured.
+    """
+    channels = channels or Channels.of(robot)
+    inputs = [
+        {"column": command(s), "unit": "rad", "actuator": s, "kind": "position"}
+        for s in robot.servos
+        if command(s) in columns
+    ]
+    outputs: list[dict[str, str]] = []
+    if channels.servos:
+        for servo in leg_servos(robot):
+            outputs.append({"column": position(servo), "unit": "rad", "sensor": f"{servo}_position"})
+            outputs.append({"column": torque(servo), "unit": "N m", "sensor": f"{servo}_torque"})
+    if channels.knees:
+        outputs += [{"column": encoder(leg), "unit": "rad", "sensor": f"{leg}_knee_encoder"} for leg in LEGS]
+    if channels.gyro:
+        outputs += [
+            {"column": column, "unit": "rad/s", "sensor": "imu_gyro", "component": column[-1]} for column in GYRO
+        ]
+    if channels.tracker:
+        outputs += [
+            {"column": c, "unit": "m", "site": "base_link", "quantity": "position", "component": c[-1]}
+            for c in TRACKER[:3]
+        ]
+        outputs += [
+            {"column": c, "unit": "1", "site": "base_link", "quantity": "orientation", "component": c[-1]}
+            for c in TRACKER[3:]
+        ]
+    data: dict[str, object] = {
+        "time": {"column": "t", "unit": "s"},
+        "inputs": inputs,
+        "outputs": [row for row in outputs if row["column"] in columns],
+        "auxiliary": [{"column": phase(leg), "unit": "1"} for leg in LEGS if phase(leg) in columns],
+    }
+    if "run" in columns:
+        data["segments"] = {"column": "run"}
+    return parse_map(data, f"channels of {robot.name}")
+
+
+def resolution(columns: Collection[str]) -> dict[str, float]:
+    """Least noise floor of each output column."""
+    ends = {"_position": "position", "_torque": "torque", "_encoder": "encoder"}
+    found = {c: RESOLUTION[kind] for c in columns for end, kind in ends.items() if c.endswith(end)}
+    found |= dict.fromkeys(GYRO, RESOLUTION["gyro"]) | dict.fromkeys(TRACKER[:3], RESOLUTION["place"])
+    return found | dict.fromkeys(TRACKER[3:], RESOLUTION["quaternion"])

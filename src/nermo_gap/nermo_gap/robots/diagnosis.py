@@ -1,0 +1,135 @@
+"""A whole diagnosis of the mouse: channels, model, sites and nuisances put together for the core."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from nermo_description.parameters import LEGS, RobotParameters
+from nermo_description.robots import load_robot
+from nermo_gap.core.diagnose import Diagnosis, Options, diagnose
+from nermo_gap.core.errors import GapInputError
+from nermo_gap.core.plant import OutputChannel, Plant, build_plant, model_names
+from nermo_gap.core.recording import load_table, recording_from_table
+from nermo_gap.core.select import Effort
+from nermo_gap.robots.channels import Channels, resolution, robot_map
+from nermo_gap.robots.mcap_table import mcap_table, recorded_robot
+from nermo_gap.robots.menu import MouseMenu
+from nermo_gap.robots.model import diagnosis_spec
+from nermo_gap.robots.phases import gait_phases
+from nermo_gap.robots.sites import groups, nuisances, worth_a_look
+
+Array = NDArray[np.float64]
+
+TIME_STEP = 0.002
+"""[s] of the replay; contacts and limits are twice as long as that."""
+HORIZON = 0.4
+"""[s] of a window: a third of a stride."""
+EFFORT = Effort(hopeful=20, survivors=6, finalists=3, rounds=1, partners=4, max_effects=2)
+"""A variant of the mouse takes a thousand times longer to replay than one of a pendulum."""
+WINDOWS = 18
+"""A minute of walking repeats itself; these many windows say what there is to say."""
+SERVO_JOINTS = ("_hip_joint", "_pulley_joint")
+"""Joints that a stiff servo holds: it forgets a wrong start within some hundredths of a second."""
+
+
+def robot_plant(robot: RobotParameters, columns: Sequence[str], channels: Channels | None = None) -> Plant:
+    """The mouse's nominal model with the channels that a table holds.
+
+    Raises:
+        GapInputError: the table commands or measures nothing.
+    """
+    spec = diagnosis_spec(robot)
+    spec.option.timestep = TIME_STEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    plant = build_plant(spec, robot_map(robot, columns, channels))
+    outputs = tuple(dataclasses.replace(output, subsystem=subsystem(output)) for output in plant.outputs)
+    return dataclasses.replace(plant, outputs=outputs)
+
+
+def subsystem(output: OutputChannel) -> str:
+    """What a channel is about, in the words of the mouse."""
+    name = output.name
+    leg = next((leg for leg in LEGS if name.startswith(leg)), None)
+    if name.startswith("base_"):
+        return "body"
+    if name.startswith("gyro"):
+        return "IMU"
+    if leg is not None and name.endswith("encoder"):
+        return f"{leg} knee joint"
+    servo = name.removesuffix("_position").removesuffix("_torque")
+    return f"servo {servo}"
+
+
+def options_for(plant: Plant, robot: RobotParameters, columns: Sequence[str], base: Options | None = None) -> Options:
+    """How to diagnose this plant; ``base`` carries what does not depend on the robot."""
+    return dataclasses.replace(
+        base or Options(),
+        groups=groups(plant.model),
+        keep=worth_a_look(plant),
+        nuisances=nuisances,
+        effort=EFFORT,
+        max_windows=WINDOWS,
+        horizon=HORIZON,
+        resolution=resolution(columns),
+        trusted=tuple(n for n in model_names(plant.model, mujoco.mjtObj.mjOBJ_JOINT) if n.endswith(SERVO_JOINTS)),
+        phases=gait_phases,
+        menu=MouseMenu(robot),
+    )
+
+
+def diagnose_robot(
+    tables: Sequence[dict[str, Array]],
+    robot: RobotParameters,
+    options: Options | None = None,
+    channels: Channels | None = None,
+    sources: Sequence[str] = (),
+) -> Diagnosis:
+    """Diagnose recordings of the mouse, each a table as `mcap_table` and `simulate` give it.
+
+    Raises:
+        GapInputError: the tables cannot be used.
+    """
+    columns = [c for c in tables[0] if all(c in t for t in tables)]
+    plant = robot_plant(robot, columns, channels)
+    names = list(sources) or [f"recording {i}" for i in range(len(tables))]
+    recordings = [recording_from_table(t, plant, n) for t, n in zip(tables, names, strict=True)]
+    # The twin tells of simulations that break down; here some candidates are meant to.
+    log = logging.getLogger("nermo_sim.twin")
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        found = diagnose(recordings, plant, options_for(plant, robot, columns, options))
+    finally:
+        log.setLevel(level)
+    return found
+
+
+def is_mcap(path: Path) -> bool:
+    """Whether a recording is an MCAP (a file, or the folder of a bag) rather than a table."""
+    return path.suffix.lower() == ".mcap" or path.is_dir()
+
+
+def diagnose_recordings(paths: Sequence[Path], robot: str | None, options: Options | None = None) -> Diagnosis:
+    """Diagnose recordings of the mouse: MCAPs, or tables with the columns of `channels`.
+
+    ``robot`` is a name or a parameter file; where None, what the recordings say, or nermo_lite.
+
+    Raises:
+        GapInputError: a recording cannot be used.
+        ParameterError: the robot's parameters cannot be read.
+    """
+    said = {recorded_robot(p) for p in paths if is_mcap(p)} - {None}
+    if robot is None and len(said) > 1:
+        raise GapInputError(f"the recordings are of different robots ({', '.join(sorted(map(str, said)))})")
+    parameters = load_robot(robot or next((name for name in said if name), "nermo_lite"))
+    tables = [mcap_table(p, parameters) if is_mcap(p) else load_table(p) for p in paths]
+    found = diagnose_robot(tables, parameters, options, sources=[str(p) for p in paths])
+    found.report["robot_file"] = robot or parameters.name
+    return found

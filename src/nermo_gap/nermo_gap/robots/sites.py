@@ -1,0 +1,207 @@
+"""Where effects can act on the mouse, which of those places are worth a look, and what is never exactly as modelled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from nermo_description.parameters import LEGS
+from nermo_gap.core import nuisance as prior
+from nermo_gap.core.effects.base import Effect
+from nermo_gap.core.effects.body import gyration, shift_com
+from nermo_gap.core.effects.contact import colliding, lean
+from nermo_gap.core.nuisance import Nuisance
+from nermo_gap.core.plant import Plant, model_names
+from nermo_gap.core.variant import Variant
+
+Array = NDArray[np.float64]
+Obj = mujoco.mjtObj
+Apply = Callable[[Variant, float], None]
+_IDLE = ("tail", "head")
+
+
+def groups(model: mujoco.MjModel) -> dict[str, tuple[str, ...]]:
+    """Groups of sites by name; a group holds names of actuators, joints, tendons, bodies and geoms alike."""
+    kinds = (Obj.mjOBJ_ACTUATOR, Obj.mjOBJ_JOINT, Obj.mjOBJ_TENDON, Obj.mjOBJ_BODY, Obj.mjOBJ_GEOM)
+    names = [name for kind in kinds for name in model_names(model, kind)]
+    legs = [n for n in names if n.startswith(LEGS)]
+    spine = [n for n in names if n.startswith("spine_")]
+
+    def ending(*ends: str) -> tuple[str, ...]:
+        return tuple(n for n in legs if n.endswith(ends))
+
+    def of(word: str) -> tuple[str, ...]:
+        # The shaft of a servo is not a printed joint: what groups have in common is the leg.
+        return tuple(n for n in legs if word in n.split("_")[:2] and not n.endswith("pulley_joint"))
+
+    return {
+        "all_hips": ending("_hip", "_hip_joint"),
+        "all_knees": ending("_knee", "_knee_joint", "_knee_tendon"),
+        "all_knee_pulleys": ending("_knee_pulley_joint"),
+        "all_ankles": ending("_ankle_joint"),
+        "all_feet": ending("_foot"),
+        **{word: of(word) for word in ("front", "rear", "left", "right")},
+        "spine": tuple(n for n in spine if "pulley" not in n),
+        "spine_lateral": tuple(n for n in spine if n.startswith("spine_lateral_") and "pulley" not in n),
+        "spine_vertical": tuple(n for n in spine if n.startswith("spine_vertical_") and "pulley" not in n),
+    }
+
+
+def worth_a_look(plant: Plant) -> Callable[[Effect], bool]:
+    """Whether a candidate makes sense on the mouse.
+
+    Tail and head are left out: nothing measures them. Vertebrae are looked at together, ankles too. The tracker has
+    neither bias nor scale, for windows start where it sees the mouse.
+    """
+    model = plant.model
+    joints, actuators = model_names(model, Obj.mjOBJ_JOINT), model_names(model, Obj.mjOBJ_ACTUATOR)
+    shafts = {n for n in joints if n.endswith(("_hip_joint", "_knee_pulley_joint")) and n.startswith(LEGS)}
+    shafts |= {"all_hips", "all_knee_pulleys"}
+    spines = {n for n in ("spine", "spine_lateral", "spine_vertical") if n == "spine" or "spine_vertical" in actuators}
+    printed = {f"{leg}_knee_joint" for leg in LEGS} | spines | {"all_knees", "all_ankles", "front", "rear"}
+    servos = {n for n in actuators if not n.startswith(_IDLE)} | {"all_hips", "all_knees", "front", "rear", "all"}
+    tendons = {n for n in model_names(model, Obj.mjOBJ_TENDON) if not n.startswith(_IDLE)}
+    feet = {f"{leg}_foot" for leg in LEGS} | {"all_feet", "front", "rear", "left", "right"}
+    bodies = {"torso", "rear_torso"}
+    hips = {n for n in shafts if "hip" in n}
+
+    def keep(effect: Effect) -> bool:
+        name, site = effect.name, effect.site.name
+        if name.startswith(("servo", "link", "supply")):
+            # A motor of its own behind a play takes a finer time step than replays have; the late command is its like.
+            return site in servos and effect.form != "motor"
+        if name.startswith("tendon"):
+            return site in tendons | {"all_knees"}
+        if name in ("ground_friction", "foot_compliance"):
+            return site in feet
+        if name in ("mass", "com_shift", "inertia"):
+            return site in bodies or (name, site) == ("mass", "all")
+        if name.startswith("sensor"):
+            return not site.startswith("base_link") and "torque" not in site
+        if name == "joint_stiffness":
+            return site in printed | {"all"} and effect.form == "factor"
+        if name in ("joint_rest_angle", "joint_damping"):
+            return site in printed
+        if name == "joint_range":
+            return site in printed | hips
+        if name == "coulomb_friction":
+            return site in shafts | printed
+        if name in ("stribeck_friction", "load_friction", "armature"):
+            return site in ("all_hips", "all_knee_pulleys")
+        return name != "viscous_friction" or site in shafts
+
+    return keep
+
+
+def nuisances(plant: Plant, output_swing: Array, input_size: Array, period: float) -> list[Nuisance]:
+    """Nominal numbers of the mouse with their priors: those of the core, but parts that are alike move together."""
+    model = plant.model
+    found = [Nuisance("timing of inputs", _timing(prior.TIMING * (period + float(model.opt.timestep))))]
+    bodies = {name: i for i, name in enumerate(model_names(model, Obj.mjOBJ_BODY))}
+    torsos = [bodies["torso"], bodies["rear_torso"]]
+    limbs = [i for i in bodies.values() if i and i not in torsos]
+    for label, rows in (("torso", torsos[:1]), ("rear torso", torsos[1:]), ("limbs", limbs)):
+        found.append(Nuisance(f"mass {label}", _scaled(("body_mass", "body_inertia"), rows, prior.MASS)))
+    for body, axes in zip(torsos, ("xyz", "x"), strict=True):
+        size = prior.COM * gyration(model, body)
+        found += [Nuisance(f"com {model.body(body).name} {a}", _com(body, "xyz".index(a), size)) for a in axes]
+    found.append(Nuisance("inertia torsos", _scaled(("body_inertia",), torsos, prior.INERTIA)))
+    joints = model_names(model, Obj.mjOBJ_JOINT)
+
+    def dofs(*ends: str) -> list[int]:
+        return [int(model.jnt_dofadr[i]) for i, n in enumerate(joints) if n.endswith(ends) and not n.startswith(_IDLE)]
+
+    shafts, knees, ankles = dofs("_hip_joint", "_pulley_joint"), dofs("_knee_joint"), dofs("_ankle_joint")
+    vertebrae = dofs(*(f"_{i}_joint" for i in range(1, 9)))
+    for label, field, rows in (
+        ("damping servos", "dof_damping", shafts),
+        ("armature servos", "dof_armature", shafts),
+        ("damping printed joints", "dof_damping", [*knees, *ankles, *vertebrae]),
+    ):
+        found.append(Nuisance(label, _scaled((field,), rows, prior.PASSIVE)))
+    # Where the servos report, each has a gain of its own to be told; seen from outside, those that are alike share one.
+    apart = any(output.qpos >= 0 for output in plant.outputs)
+    springs = {n: i for i, n in enumerate(joints) if n.endswith("_knee_joint")}
+    for label, rows in _alike(springs, apart).items():
+        found.append(Nuisance(f"stiffness {label}", _scaled(("jnt_stiffness",), rows, prior.PASSIVE)))
+    for label, rows in (("ankles", ankles), ("spine", vertebrae)):
+        hinges = [int(model.dof_jntid[d]) for d in rows]
+        found.append(Nuisance(f"stiffness {label}", _scaled(("jnt_stiffness",), hinges, prior.PASSIVE)))
+    servos = {n: i for i, n in enumerate(model_names(model, Obj.mjOBJ_ACTUATOR)) if not n.startswith(_IDLE)}
+    for label, rows in _alike(servos, apart).items():
+        found.append(Nuisance(f"gain {label}", _gain(rows)))
+    world, feet = colliding(model)
+    found.append(Nuisance("ground friction", _sliding([*world, *feet])))
+    found.append(Nuisance("contact softness", _softness([*world, *feet])))
+    found.append(Nuisance("pitch of gravity", lambda v, z: lean(v.model, prior.TILT * z, 0.0)))
+    found.append(Nuisance("roll of gravity", lambda v, z: lean(v.model, 0.0, prior.TILT * z)))
+    for i, output in enumerate(plant.outputs):
+        if output.qpos >= 0:
+            sd = min(prior.ZERO, 0.02 * float(output_swing[i]))
+            found.append(Nuisance(f"zero {output.name}", _zero(i, sd)))
+    return found
+
+
+def _scaled(fields: Sequence[str], rows: Sequence[int], sd: float) -> Apply:
+    def apply(variant: Variant, z: float) -> None:
+        for field in fields:
+            getattr(variant.model, field)[list(rows)] *= np.exp(sd * z)
+
+    return apply
+
+
+def _com(body: int, axis: int, sd: float) -> Apply:
+    def apply(variant: Variant, z: float) -> None:
+        shift_com(variant.model, body, sd * z * np.eye(3)[axis])
+
+    return apply
+
+
+def _alike(named: dict[str, int], apart: bool) -> dict[str, list[int]]:
+    """Each by itself, or left and right together."""
+    found: dict[str, list[int]] = {}
+    for name, index in named.items():
+        label = name if apart else name.replace("_left_", " ").replace("_right_", " ")
+        found.setdefault(label, []).append(index)
+    return found
+
+
+def _gain(actuators: Sequence[int]) -> Apply:
+    rows = list(actuators)
+
+    def apply(variant: Variant, z: float) -> None:
+        variant.model.actuator_gainprm[rows, 0] *= np.exp(prior.GAIN * z)
+        variant.model.actuator_biasprm[rows, 1] *= np.exp(prior.GAIN * z)
+
+    return apply
+
+
+def _sliding(geoms: Sequence[int]) -> Apply:
+    def apply(variant: Variant, z: float) -> None:
+        variant.model.geom_friction[list(geoms), 0] *= np.exp(prior.CONTACT * z)
+
+    return apply
+
+
+def _softness(geoms: Sequence[int]) -> Apply:
+    def apply(variant: Variant, z: float) -> None:
+        variant.model.geom_solref[list(geoms), 0] *= np.exp(prior.CONTACT * z)
+
+    return apply
+
+
+def _timing(sd: float) -> Apply:
+    def apply(variant: Variant, z: float) -> None:
+        variant.inputs.delay += sd * z
+
+    return apply
+
+
+def _zero(channel: int, sd: float) -> Apply:
+    def apply(variant: Variant, z: float) -> None:
+        variant.outputs.bias[channel] += sd * z
+
+    return apply

@@ -1,0 +1,324 @@
+"""The mouse under diagnosis: its channels, recordings, sites, phases, robot files, and a small diagnosis."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import yaml
+from mcap.writer import Writer
+from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from typer.testing import CliRunner
+
+from nermo_description.model import build_model
+from nermo_description.parameters import LEGS
+from nermo_description.robots import load_robot
+from nermo_gap.cli import gap_app
+from nermo_gap.core.align import align
+from nermo_gap.core.effects.base import Context
+from nermo_gap.core.errors import GapInputError
+from nermo_gap.core.fit import Fitter, Hypothesis
+from nermo_gap.core.library import enumerate_effects
+from nermo_gap.core.noise import noise_floor
+from nermo_gap.core.recording import recording_from_table
+from nermo_gap.core.replay import Replayer
+from nermo_gap.core.residual import Residuals, channel_gap
+from nermo_gap.core.scales import measure_scales
+from nermo_gap.core.variant import Variant
+from nermo_gap.core.windows import cut
+from nermo_gap.robots.channels import GYRO, TRACKER, command, encoder, position, resolution
+from nermo_gap.robots.diagnosis import robot_plant
+from nermo_gap.robots.live import LiveGap
+from nermo_gap.robots.mcap_table import mcap_table
+from nermo_gap.robots.menu import MouseMenu
+from nermo_gap.robots.phases import gait_phases
+from nermo_gap.robots.simulated import simulate
+from nermo_gap.robots.sites import groups, worth_a_look
+from nermo_sim.twin import Twin
+
+Array = NDArray[np.float64]
+ROOT = Path(__file__).resolve().parents[3]
+SECONDS = 6.0
+
+
+@cache
+def table(name: str) -> dict[str, Array]:
+    return simulate(load_robot(name), SECONDS, seed=1)
+
+
+@pytest.mark.parametrize(("name", "sees"), [("nermo", 10 * 2 + 4 + 3 + 7), ("nermo_lite", 7)])
+def test_each_mouse_measures_what_it_really_can(name: str, sees: int) -> None:
+    plant = robot_plant(load_robot(name), list(table(name)))
+    assert len(plant.outputs) == sees
+    assert len(plant.inputs) == len(load_robot(name).servos) and not plant.warnings
+    assert {o.name for o in plant.outputs} >= set(TRACKER)
+
+
+def test_an_unchanged_twin_is_replayed_within_a_few_noise_floors() -> None:
+    robot, columns = load_robot("nermo"), table("nermo")
+    plant = robot_plant(robot, list(columns))
+    aligned = align(recording_from_table(columns, plant), plant)
+    floor = np.maximum(noise_floor(aligned), [resolution(list(columns)).get(o.name, 0.0) for o in plant.outputs])
+    replayer = Replayer(plant, aligned, cut(aligned, 0.4, most=6), floor, 1)
+    residuals = Residuals.build(replayer, Variant.nominal(plant), start=False)
+    changed = Variant.nominal(plant)
+    knee = plant.model.actuator("front_left_knee").id
+    changed.model.actuator_gainprm[knee, 0] *= 0.5
+    changed.model.actuator_biasprm[knee, 1] *= 0.5
+    same, other = (channel_gap(r, residuals.mask) for r in residuals.of([Variant.nominal(plant), changed]))
+    gaps = dict(zip(residuals.channels, same, strict=True))
+    assert np.sqrt(np.mean(same**2)) < 8.0
+    worse = dict(zip(residuals.channels, other, strict=True))
+    assert worse["front_left_knee_position"] > 3.0 * gaps["front_left_knee_position"]
+    assert worse["front_left_knee_position"] > worse["rear_right_knee_position"]
+
+
+def test_candidates_are_places_that_a_mouse_has_and_shows() -> None:
+    columns = table("nermo_lite")
+    plant = robot_plant(load_robot("nermo_lite"), list(columns))
+    aligned = align(recording_from_table(columns, plant), plant)
+    replayer = Replayer(plant, aligned, cut(aligned, 0.4, most=6), noise_floor(aligned), 1)
+    context = Context(plant, measure_scales(replayer, Variant.nominal(plant)), groups(plant.model))
+    keep = worth_a_look(plant)
+    keys = {e.key for e in enumerate_effects(context) if keep(e)}
+    for expected in (
+        "servo_gain@front_left_knee",
+        "servo_delay@all_knees",
+        "tendon_slack@spine_left",
+        "joint_stiffness@spine",
+        "joint_stiffness@all",
+        "ground_friction@all_feet",
+        "mass@torso",
+        "joint_rest_angle@front",
+    ):
+        assert expected in keys
+    assert not [k for k in keys if "tail" in k or "head" in k]
+    assert len(keys) < 250
+
+
+def test_phases_of_a_leg_and_of_the_body_cover_every_row_once() -> None:
+    columns = table("nermo")
+    plant = robot_plant(load_robot("nermo"), list(columns))
+    aligned = align(recording_from_table(columns, plant), plant)
+    for name in ("front_left_hip_position", "base_x"):
+        phases = gait_phases(aligned, next(o for o in plant.outputs if o.name == name))
+        assert phases is not None
+        assert (sum(m.astype(int) for m in phases.values()) == 1).all()
+    leg = gait_phases(aligned, next(o for o in plant.outputs if o.name == "rear_right_knee_position"))
+    assert (
+        leg is not None
+        and min(m.mean() for m in leg.values()) > 0.02
+        and set(leg)
+        == {
+            "swing",
+            "touch-down",
+            "stance",
+        }
+    )
+
+
+# Recordings of the graph
+
+
+def write_mcap(path: Path, columns: dict[str, Array], servos: list[str], joint_every: int = 4) -> None:
+    """A recording as the graph's recorder makes it, of the channels of a table."""
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    for name in ("ServoCommand", "ServoStates"):
+        text = (ROOT / "src/nermo_interfaces/msg" / f"{name}.msg").read_text(encoding="utf-8")
+        types.register(get_types_from_msg(text, f"nermo_interfaces/msg/{name}"))
+    make = types.types
+    time_type, header_type = make["builtin_interfaces/msg/Time"], make["std_msgs/msg/Header"]
+
+    def header(stamp: int) -> object:
+        return header_type(time_type(stamp // 10**9, stamp % 10**9), "")
+
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2", library="test")
+        channels: dict[str, int] = {}
+
+        def write(topic: str, kind: str, message: object, stamp: int) -> None:
+            if topic not in channels:
+                text = types.generate_msgdef(kind, ros_version=2)[0]
+                schema = writer.register_schema(kind, "ros2msg", text.encode())
+                channels[topic] = writer.register_channel(f"/nermo/{topic}", "cdr", schema)
+            data = bytes(types.serialize_cdr(message, kind))
+            writer.add_message(channels[topic], log_time=stamp, publish_time=stamp, data=data)
+
+        none = np.zeros(0)
+        for row, t in enumerate(columns["t"]):
+            stamp = 1_000_000_000 + round(float(t) * 1e9)
+
+            def values(names: list[str], at: int = row) -> Array:
+                return np.array([columns[n][at] for n in names])
+
+            states = make["nermo_interfaces/msg/ServoStates"](
+                header(stamp), servos[::-1], values([position(s) for s in servos[::-1]]), none, none, none
+            )
+            write("servo_states", "nermo_interfaces/msg/ServoStates", states, stamp)
+            told = make["nermo_interfaces/msg/ServoCommand"](
+                header(stamp), servos, values([command(s) for s in servos])
+            )
+            write("servo_command", "nermo_interfaces/msg/ServoCommand", told, stamp + 1)
+            if row % joint_every == 0:
+                knees = [f"{leg}_knee_joint" for leg in LEGS]
+                joints = make["sensor_msgs/msg/JointState"](
+                    header(stamp), knees, values([encoder(leg) for leg in LEGS]), none, none
+                )
+                write("joint_states", "sensor_msgs/msg/JointState", joints, stamp)
+        writer.finish()
+
+
+def test_a_recording_of_the_graph_gives_the_same_table(tmp_path: Path) -> None:
+    robot, columns = load_robot("nermo"), table("nermo")
+    short = {n: v[:300] for n, v in columns.items()}
+    write_mcap(tmp_path / "walk.mcap", short, list(robot.servos))
+    read = mcap_table(tmp_path / "walk.mcap", robot)
+    np.testing.assert_allclose(read["t"], short["t"] - short["t"][0], atol=1e-9)
+    for name in (command("tail"), position("rear_left_hip")):
+        np.testing.assert_array_equal(read[name], short[name])
+    knee = encoder("front_right")
+    np.testing.assert_array_equal(read[knee][::4], short[knee][::4])
+    assert np.isnan(read[knee][1::4]).all()
+    assert not set(GYRO) & set(read) and not set(TRACKER) & set(read)
+
+
+def test_a_recording_of_another_robot_is_refused(tmp_path: Path) -> None:
+    lite = load_robot("nermo_lite")
+    write_mcap(tmp_path / "walk.mcap", {n: v[:50] for n, v in table("nermo_lite").items()}, list(lite.servos))
+    with pytest.raises(GapInputError, match=r"spine_vertical of nermo.*another robot"):
+        mcap_table(tmp_path / "walk.mcap", load_robot("nermo"))
+    answer = CliRunner().invoke(gap_app, ["diagnose", str(tmp_path / "nothing.mcap")])
+    assert answer.exit_code == 2 and "nothing.mcap" in answer.output
+
+
+# A diagnosis
+
+
+def test_a_weak_knee_is_told_from_its_neighbour_and_its_size_found() -> None:
+    def weak(model: mujoco.MjModel) -> None:
+        knee = model.actuator("front_left_knee").id
+        model.actuator_gainprm[knee, 0] *= 0.6
+        model.actuator_biasprm[knee, 1] *= 0.6
+
+    robot = load_robot("nermo")
+    columns = simulate(robot, SECONDS, change=weak, seed=2)
+    plant = robot_plant(robot, list(columns))
+    aligned = align(recording_from_table(columns, plant), plant)
+    floor = np.maximum(noise_floor(aligned), [resolution(list(columns)).get(o.name, 0.0) for o in plant.outputs])
+    replayer = Replayer(plant, aligned, cut(aligned, 0.4, most=6), floor, 1)
+    fitter = Fitter(Residuals.build(replayer, Variant.nominal(plant), start=False), [])
+    context = Context(plant, measure_scales(replayer, Variant.nominal(plant)), groups(plant.model))
+    gains = {e.site.name: e for e in enumerate_effects(context, (), ("servo_gain",))}
+    own, other = (
+        fitter.fit(Hypothesis((gains[name],)), np.array([0.75]), np.zeros(0), iterations=3)
+        for name in ("front_left_knee", "front_right_knee")
+    )
+    assert own.cost < other.cost - 10.0
+    assert own.x[0] == pytest.approx(0.6, abs=0.06)
+
+
+# Robot files
+
+
+def test_a_diagnosis_becomes_a_robot_that_the_twin_loads(tmp_path: Path) -> None:
+    def effect(name: str, site: str, **values: float) -> dict[str, object]:
+        return {"name": name, "site": site, "parameters": {n: {"value": v} for n, v in values.items()}}
+
+    report = {
+        "schema": "nermo_gap/diagnosis/1",
+        "robot": "nermo_lite",
+        "verdict": "effect",
+        "effects": [
+            effect("servo_gain", "front_left_knee", factor=0.7),
+            effect("joint_stiffness", "spine", factor=0.5),
+            effect("ground_friction", "all_feet", factor=0.4),
+            effect("tendon_slack", "spine_left", slack=0.002),
+            effect("mass", "torso", change=0.02),
+            effect("servo_delay", "all_hips", delay=0.012),
+            effect("sensor_bias", "rear_left_hip_position", bias=0.1),
+        ],
+    }
+    (tmp_path / "diagnosis.json").write_text(json.dumps(report), encoding="utf-8")
+    mine = tmp_path / "mine.yaml"
+    answer = CliRunner().invoke(gap_app, ["apply", str(tmp_path / "diagnosis.json"), "--out", str(mine)])
+    assert answer.exit_code == 0, answer.output
+    assert "sensor_bias" in answer.output
+    robot, own = load_robot(mine), load_robot("nermo_lite")
+    assert robot.name == "mine" and len(robot.deviations) == 6
+    changed, model = build_model(robot), build_model(own)
+    knee = "front_left_knee"
+    assert changed.actuator(knee).gainprm[0] == pytest.approx(0.7 * model.actuator(knee).gainprm[0])
+    assert changed.actuator(knee).biasprm[1] == pytest.approx(0.7 * model.actuator(knee).biasprm[1])
+    for i in range(1, 5):
+        joint = f"spine_lateral_{i}_joint"
+        assert changed.joint(joint).stiffness[0] == pytest.approx(0.5 * model.joint(joint).stiffness[0])
+    assert changed.geom("rear_left_foot").friction[0] == pytest.approx(0.4 * own.contact.friction)
+    string = model.tendon("spine_left").id
+    assert changed.tendon_range[string, 1] == pytest.approx(model.tendon_range[string, 1] + 0.002)
+    assert changed.body_mass.sum() == pytest.approx(model.body_mass.sum() + 0.02)
+    one, two = Twin(robot, model=model), Twin(own, model=model)
+    target = [s.neutral for s in own.servos.values()]
+    target[0] += 0.3
+    moved = [[twin.step(target).servo_positions[0] for _ in range(6)] for twin in (one, two)]
+    assert moved[0][1] < moved[1][1], "the hip of the slow mouse starts later"
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [("{", "is not JSON"), ('{"schema": "other"}', "is no diagnosis")],
+)
+def test_what_is_no_diagnosis_is_refused(tmp_path: Path, content: str, words: str) -> None:
+    (tmp_path / "d.json").write_text(content, encoding="utf-8")
+    answer = CliRunner().invoke(gap_app, ["apply", str(tmp_path / "d.json"), "--out", str(tmp_path / "r.yaml")])
+    assert answer.exit_code == 2 and words in answer.output
+
+
+# The live gap
+
+
+def test_the_live_gap_is_nothing_for_the_twin_itself_and_shows_the_leg_that_differs() -> None:
+    robot = load_robot("nermo_lite")
+    own, weak = Twin(robot), Twin(robot)
+    knee = weak.model.actuator("rear_right_knee").id
+    weak.model.actuator_gainprm[knee, 0] *= 0.3
+    weak.model.actuator_biasprm[knee, 1] *= 0.3
+    servos = list(robot.servos)
+    neutral = np.array([s.neutral for s in robot.servos.values()])
+    gaps = []
+    for twin in (own, weak):
+        live = LiveGap(robot)
+        stamp = twin.time_ns
+        for tick in range(300):
+            told = neutral + 0.2 * np.sin(0.1 * tick)
+            live.command(stamp, dict(zip(servos, told.tolist(), strict=True)))
+            sensors = twin.step(told.tolist())
+            stamp = sensors.stamp
+            live.measured(stamp, {position(s): v for s, v in zip(servos, sensors.servo_positions, strict=True)})
+        gaps.append(live.gap())
+    assert max(gaps[0].values()) < 0.01
+    assert max(gaps[1], key=lambda name: gaps[1][name]) == "rear_right leg" and gaps[1]["rear_right leg"] > 3.0
+
+
+# What next
+
+
+def test_what_a_mouse_is_asked_to_do_keeps_it_on_its_feet_and_can_be_played(tmp_path: Path) -> None:
+    robot, columns = load_robot("nermo"), table("nermo")
+    plant = robot_plant(robot, list(columns))
+    aligned = align(recording_from_table(columns, plant), plant)
+    menu, names = MouseMenu(robot), [c.name for c in plant.inputs]
+    for experiment in menu.experiments(plant, aligned, []):
+        twin = Twin(robot)
+        for row in experiment.inputs:
+            twin.step([float(row[names.index(servo)]) for servo in robot.servos])
+            assert twin.tilt() < 0.3
+        path = menu.write(experiment, plant, tmp_path / experiment.name)
+        commands = yaml.safe_load(path.read_text(encoding="utf-8"))["commands"]
+        assert set(commands[0]["servos"]) == set(robot.servos)
+        assert [c["at"] for c in commands] == sorted({c["at"] for c in commands})
