@@ -135,7 +135,7 @@ _WORDS = {
         "nermo_sim.cli:bench_app",
         "Measure how fast things are: tick, loop, graph, sensors, serial, link, faults.",
     ),
-    "optimize": ("nermo_sim.cli:optimize_app", "Search for better parameters."),
+    "optimize": ("nermo_sim.optimize.cli:optimize_app", "Search for better parameters."),
     "sensors": ("nermo_sensors.cli:sensors_app", "Calibrate and judge tactile sensors."),
     "hw": ("nermo_hw.cli:hw_app", "The real robot: look at it, emulate it, test its lines."),
     "gap": ("nermo_gap.cli:gap_app", "Say why robot and twin differ."),

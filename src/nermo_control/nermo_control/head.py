@@ -17,10 +17,10 @@ from nermo_description.parameters import RobotParameters, ServoParameters
 
 GazeMode = Literal["off", "spine", "imu"]
 
-FRONT_SHARE = 0.44
-"""Share of the spine's bend that turns the front torso; the rest turns the hip. Measured on the twin, trot with stride
-extension (yaw of base_link over the angle of the whole spine): between two standing feet half way along the body each
-half of the mouse turns about as much."""
+FRONT_SHARE = 0.41
+"""Share of the spine's bend that turns the front torso; the rest turns the hip. `nermo experiment gaze` measures it on
+the twin (`front_share`), in a trot with stride extension: the slope of base_link's yaw over the angle of the whole
+spine. Between two standing feet half way along the body each half of the mouse turns about as much."""
 IDLE_WINDOW = 1.0
 """Time over which the mean is taken while no gait cycle runs [s]."""
 

@@ -191,6 +191,10 @@ class HighLevelController:
         gait = wish.gait or self._parameters.default_gait
         frequency = wish.gait_frequency or self._parameters.default_gait_frequency
         strategy: TurningStrategy = wish.turning_strategy or self._parameters.default_turning_strategy  # type: ignore[assignment]
+        if strategy == "leg" and wish.spine_modes.turning:
+            strategy = "mix"
+            if wish.turning_strategy:
+                warnings.append("turning_strategy = leg contradicts the spine mode turning: turning by mix")
         posture, velocity, turn = Posture(wish.posture), 0.0, 0.0
         internal = posture is Posture.WALK and wish.trajectory_mode != TrajectoryMode.EXTERNAL
         if not internal:

@@ -80,6 +80,14 @@ def test_too_fast_is_clipped_and_said(controller: HighLevelController) -> None:
     assert ["forward_velocity" in controller.warnings[0], "turn_rate" in controller.warnings[1]] == [True, True]
 
 
+def test_legs_alone_and_a_turning_spine_contradict(controller: HighLevelController) -> None:
+    turning = replace(WALK, turn_rate=0.1, spine_modes=SpineModes(turning=True))
+    assert controller.step(0, replace(turning, turning_strategy="leg"), None).turning_strategy == "mix"
+    assert "contradicts the spine mode turning" in controller.warnings[0]
+    assert controller.step(PERIOD, replace(turning, stamp=PERIOD), None).turning_strategy == "mix"
+    assert not controller.warnings
+
+
 def test_turning_without_velocity_walks_the_tightest_circle(controller: HighLevelController) -> None:
     command = controller.step(0, replace(WALK, forward_velocity=0.0, turn_rate=-0.3), None)
     assert command.posture is Posture.WALK
@@ -189,7 +197,7 @@ def test_a_reset_ends_the_line_and_the_command(controller: HighLevelController) 
         ({"gait": "lateral_wolk"}, "did you mean lateral_walk"),
         ({"gait_frequency": 50.0}, "allowed 0.1 to 3.0 Hz"),
         ({"gait_frequency": math.nan}, "allowed 0.1 to 3.0 Hz"),
-        ({"posture": 9}, "posture = 9 is unknown"),
+        ({"posture": 99}, "posture = 99 is unknown"),
         ({"trajectory_mode": 9}, "trajectory_mode = 9 is unknown"),
         ({"turning_strategy": "wheels"}, "turning_strategy = 'wheels' is unknown"),
     ],

@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import sys
-from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from nermo_description.results import CommandError, write_results
-
-# Files and pipes have no width; the tables need one.
-_console = Console(width=None if sys.stdout.isatty() else 180)
+from nermo_sim.console import cell, console, print_facts, print_rows, progress
 
 Robot = Annotated[str, typer.Option(help="Name of a robot, or path of its parameter file.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
@@ -49,6 +41,10 @@ _COLUMNS = {
     ),
     "footstep": ("controller", "delta_m", "step", "repeat", "displacement_m"),
     "transition": ("compensation", "repeat", "omega_rad_s", "excitation_hz", "stride_hz", "gait", "lags", "speed_m_s"),
+    "gaze": (
+        *("robot", "gaze", "head_yaw_sd_deg", "head_pitch_sd_deg", "head_pitch_mean_deg", "body_yaw_sd_deg"),
+        *("body_pitch_sd_deg", "front_share", "fell"),
+    ),
     "theory against twin": (
         *(
             "gait",
@@ -151,7 +147,7 @@ def balance(
     """
     settings = _settings(robot, seed, quick, repeats)
     facts = _run("balance", settings, out, workers)
-    _console.print(f"front COM from {_cell(facts['com_interval_m'])} m ahead of base_link: the table holds")
+    console.print(f"front COM from {cell(facts['com_interval_m'])} m ahead of base_link: the table holds")
     _write(json, "balance", facts, settings)
 
 
@@ -178,6 +174,26 @@ def maze(
     _write(json, "maze", facts, settings)
     if not all(row["finished"] for row in facts["rows"]):
         raise CommandError("the mouse did not come out of the maze: see the column `ended` of the JSON file")
+
+
+@experiment_app.command("gaze")
+def gaze(
+    robot: Robot = "nermo_lite",
+    seed: Seed = 0,
+    quick: Quick = False,
+    out: Out = RESULTS,
+    json: Json = None,
+    workers: Workers = None,
+    repeats: Repeats = None,
+) -> None:
+    """How much the head's cameras swing in a trot with the spine, with and without the neck against it (N 7.1.2).
+
+    \b
+    nermo experiment gaze
+    nermo experiment gaze --robot nermo --json gaze.json
+    """
+    settings = _settings(robot, seed, quick, repeats)
+    _write(json, "gaze", _run("gaze", settings, out, workers), settings)
 
 
 @experiment_app.command("coordination")
@@ -220,7 +236,7 @@ def footstep(
     settings = _settings(robot, seed, quick, repeats=1)
     facts = _run("footstep", settings, out, workers)
     for name, values in facts["fit"].items():
-        _console.print(f"{name}: {_cell(values)}")
+        console.print(f"{name}: {cell(values)}")
     _write(json, "footstep", facts, settings)
 
 
@@ -270,25 +286,25 @@ def run_all(
 
     settings = _settings(robot, seed, quick, repeats)
     begin = time.monotonic()
-    facts = suite.run_all(settings, out, workers, _progress)
+    facts = suite.run_all(settings, out, workers, progress)
     for title, rows in (
         ("theory against twin", facts["theory_against_twin"]["rows"]),
         ("ablation", facts["ablation"]["rows"]),
         ("comparison", facts["comparison"]["rows"]),
         ("summary", facts["summary"]),
     ):
-        _print_rows(title, rows, _COLUMNS[title])
+        print_rows(title, rows, _COLUMNS[title])
     holding = sum(row["within"] for row in facts["summary"])
     report = write_report(out / "report.html", facts, settings)
     facts = {**facts, "report": report, "wall_s": time.monotonic() - begin}
-    _console.print(f"{holding} of {len(facts['summary'])} claims within their bands; report: {report}")
+    console.print(f"{holding} of {len(facts['summary'])} claims within their bands; report: {report}")
     _write(json, "all", facts, settings)
 
 
 def _settings(robot: str, seed: int, quick: bool, repeats: int | None) -> Any:
     from nermo_sim.experiments.runs import REPEATS, Settings
 
-    _check_robot(robot)
+    check_robot(robot)
     if quick:
         return Settings(robot, distance=0.5, repeats=repeats or 1, seed=seed, quick=True)
     return Settings(robot, repeats=repeats or REPEATS, seed=seed)
@@ -298,10 +314,10 @@ def _run(name: str, settings: Any, out: Path, workers: int | None) -> dict[str, 
     """Runs one experiment and prints its table."""
     from nermo_sim.experiments import suite
 
-    with _progress(name) as progress:
-        facts = suite.run_experiment(name, settings, out / name, workers, progress)
+    with progress(name) as report:
+        facts = suite.run_experiment(name, settings, out / name, workers, report)
     title = f"{name}, {settings.repeats} x each, {settings.robot}, seed {settings.seed}"
-    _print_rows(title, facts["rows"], _COLUMNS[name])
+    print_rows(title, facts["rows"], _COLUMNS[name])
     return facts
 
 
@@ -328,8 +344,8 @@ def _straight_line_pictures(settings: Any, rows: list[dict[str, Any]], out: Path
             save_video(out / "trot.mp4", twin.model, recording.part(0.0, 10.0))
             pictures.append(out / "trot.mp4")
         except RenderingUnavailableError as error:
-            _console.print(f"no video: {error}")
-    _console.print(f"pictures: {', '.join(map(str, pictures))}")
+            console.print(f"no video: {error}")
+    console.print(f"pictures: {', '.join(map(str, pictures))}")
     return pictures
 
 
@@ -357,13 +373,13 @@ def bench(
     nermo bench tick loop
     nermo bench graph --json graph.json
     """
-    _check_robot(robot)
+    check_robot(robot)
     names = BENCHES if not what or "all" in what else tuple(what)
     facts: dict[str, Any] = {}
     for name in names:
-        with _console.status(f"measuring: {name}"):
+        with console.status(f"measuring: {name}"):
             facts[name] = run_bench(name, robot, quick)
-        _print_facts(name, facts[name])
+        print_facts(name, facts[name])
     if json is not None:
         write_results(
             json, "bench", {key: value for part in facts.values() for key, value in part.items()}, robot=robot
@@ -400,59 +416,11 @@ def run_bench(name: str, robot: str = "nermo_lite", quick: bool = False) -> dict
     raise CommandError(f"bench {name!r} is unknown: choose among {', '.join(BENCHES)} and all", status=2)
 
 
-def _check_robot(robot: str) -> None:
+def check_robot(robot: str) -> None:
+    """Nothing for a robot that can be loaded. Raises CommandError (status 2)."""
     from nermo_description.robots import ParameterError, load_robot
 
     try:
         load_robot(robot)
     except ParameterError as error:
         raise CommandError(str(error), status=2) from error
-
-
-@contextlib.contextmanager
-def _progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on a terminal, a line for each finished tenth elsewhere."""
-    if not _console.is_terminal:
-        yield (
-            lambda done, total: (
-                _console.print(f"{what}: {done} of {total}") if done % max(1, total // 10) == 0 else None
-            )
-        )
-        return
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=_console) as bar:
-        task = bar.add_task(what, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-def _print_rows(title: str, rows: list[dict[str, Any]], columns: Sequence[str]) -> None:
-    table = Table(title=title)
-    for name in columns:
-        table.add_column(name.replace("_", " "), justify="left" if isinstance(rows[0][name], str) else "right")
-    for row in rows:
-        table.add_row(*(_cell(row[name]) for name in columns))
-    _console.print(table)
-
-
-def _print_facts(title: str, facts: dict[str, Any], indent: str = "  ") -> None:
-    _console.print(title, style="bold", highlight=False)
-    for name, value in facts.items():
-        if isinstance(value, list) and value and isinstance(value[0], dict):
-            _print_rows(name, value, list(value[0]))
-        elif isinstance(value, dict):
-            inner = ", ".join(f"{key} {_cell(item)}" for key, item in value.items())
-            _console.print(f"{indent}{name}: {inner}", highlight=False)
-        else:
-            _console.print(f"{indent}{name}: {_cell(value)}", highlight=False)
-
-
-def _cell(value: Any) -> str:
-    if value is None:
-        return "-"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, list | tuple):
-        return " ".join(map(_cell, value))
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {_cell(item)}" for key, item in value.items())
-    return f"{value:.4g}" if isinstance(value, float) else str(value)

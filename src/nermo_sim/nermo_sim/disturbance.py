@@ -25,6 +25,8 @@ class Disturbance:
     """Mean time between two pushes [s]."""
     push_duration: float = 0.1
     """[s]"""
+    ground: float = 1.0
+    """Sliding friction about which runs differ, over the model's."""
 
 
 NO_DISTURBANCE = Disturbance(friction=0.0, heading=0.0, joint=0.0, push=0.0)
@@ -41,7 +43,7 @@ class DisturbedRun:
     def begin(self) -> None:
         """Draws the ground and the first pose."""
         kind, random, twin = self._disturbance, self._random, self._twin
-        twin.scale_friction(float(np.exp(kind.friction * random.standard_normal())))
+        twin.scale_friction(kind.ground * float(np.exp(kind.friction * random.standard_normal())))
         twin.displace(kind.heading * random.standard_normal(), kind.joint * random.standard_normal(twin.joint_count))
         self._schedule()
 

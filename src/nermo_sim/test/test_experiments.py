@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +15,12 @@ import numpy as np
 import pytest
 
 from nermo_control.gait.knowledge_base import GaitParameters
+from nermo_control.head import FRONT_SHARE
 from nermo_control.path import Path as Way
 from nermo_control.types import ControlCommand, SpineModes, TrajectoryMode
 from nermo_description.model import build_model
 from nermo_description.parameters import LEGS, RobotParameters
-from nermo_sim.experiments import balance, maze, straight_line, turning
+from nermo_sim.experiments import balance, gaze, maze, straight_line, turning
 from nermo_sim.experiments.claims import Claims, comparison, summary
 from nermo_sim.experiments.losses import TERMS, stride_losses
 from nermo_sim.experiments.orientation import orientation_noise
@@ -184,6 +188,55 @@ def test_runs_that_are_in_the_log_are_not_run_again_and_a_cut_off_one_is(tmp_pat
     run_cases(counted, cases, replace(settings, seed=1), "test", log, workers=1)
     assert counter.read_text() == "xxxxx"
     assert len(ResultLog(log, settings.digest("test"))._results) == 2
+
+
+KILLED = """
+import json, sys
+from pathlib import Path
+from nermo_sim.experiments import gaze
+from nermo_sim.experiments.runs import Settings, run_cases
+settings = Settings(quick=True, repeats=2, seed=4)
+results = run_cases(gaze.run, gaze.cases(), settings, "gaze", Path(sys.argv[1]), workers=1)
+print(json.dumps(results))
+"""
+
+
+def test_an_experiment_killed_in_the_middle_goes_on_to_the_same_result(tmp_path: Path) -> None:
+    """SIGKILL for real, twice: none of what was finished runs again, and the end is that of a run left in peace."""
+    whole, log = tmp_path / "whole.jsonl", tmp_path / "killed.jsonl"
+    count, seen = 6, 0
+
+    def command(file: Path) -> list[str]:
+        return [sys.executable, "-c", KILLED, str(file)]
+
+    for enough in (1, 3):
+        process = subprocess.Popen(command(log), stdout=subprocess.DEVNULL)
+        while process.poll() is None and (not log.exists() or log.read_bytes().count(b"\n") < max(enough, seen + 1)):
+            time.sleep(0.02)
+        assert process.poll() is None, "it was to be killed before its end"
+        process.kill()
+        process.wait()
+        seen = log.read_bytes().count(b"\n")
+        assert seen < count
+    before = log.read_bytes()
+    resumed, undisturbed = (
+        json.loads(subprocess.run(command(file), capture_output=True, text=True, check=True).stdout)
+        for file in (log, whole)
+    )
+    assert resumed == undisturbed
+    assert log.read_bytes().startswith(before)
+    keys = [json.loads(line)["key"] for line in log.read_text().splitlines() if line.endswith("}")]
+    assert len(keys) == len(set(keys)) == count
+
+
+def test_the_neck_holds_the_cameras_still(robot: RobotParameters) -> None:
+    runs = [[gaze.run(Job(case, 0, QUICK))] for case in gaze.cases()]
+    off, spine, imu = gaze.table(gaze.cases(), QUICK, robot, runs)
+    assert [row["gaze"] for row in (off, spine, imu)] == ["off", "spine", "imu"]
+    assert off["head_yaw_sd_deg"] == pytest.approx(off["body_yaw_sd_deg"], rel=0.05)
+    assert spine["head_yaw_sd_deg"] < 0.3 * off["head_yaw_sd_deg"]
+    assert imu["head_yaw_sd_deg"] < 0.1 * off["head_yaw_sd_deg"]
+    assert off["front_share"] == pytest.approx(FRONT_SHARE, abs=0.03)
 
 
 def test_claims_know_what_is_within_and_leave_out_what_is_missing() -> None:

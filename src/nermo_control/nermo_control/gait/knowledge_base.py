@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
 import re
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -242,7 +243,18 @@ class GaitKnowledgeBase:
         """Names of the saved sets, sorted."""
         return sorted(path.stem for path in self._directory.glob("*.yaml") if _SET_NAME.fullmatch(path.stem))
 
-    def _path(self, name: str) -> Path:
+    @staticmethod
+    def check_name(name: str) -> None:
+        """Nothing for a name that a set may have. Raises ParameterError."""
         if not _SET_NAME.fullmatch(name):
             raise ParameterError(f"set name {name!r}: allowed are 1 to 64 letters, digits, - and _")
+
+    def _path(self, name: str) -> Path:
+        self.check_name(name)
         return self._directory / f"{name}.yaml"
+
+
+def default_sets_folder() -> Path:
+    """Where the named sets are kept, by the XDG rules."""
+    data = os.environ.get("XDG_DATA_HOME") or "~/.local/share"
+    return Path(data).expanduser() / "nermo" / "gaits"

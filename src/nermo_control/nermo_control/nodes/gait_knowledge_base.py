@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -10,14 +9,14 @@ from typing import Any
 from pydantic import Field
 from rclpy.node import Node
 
-from nermo_control.gait.knowledge_base import GaitKnowledgeBase, GaitParameters
+from nermo_control.gait.knowledge_base import GaitKnowledgeBase, GaitParameters, default_sets_folder
 from nermo_control.nodes import conversions
 from nermo_control.nodes.robot import RobotChoice
 from nermo_interfaces import msg
 from nermo_interfaces.srv import ListParameterSets, LoadParameterSet, SaveParameterSet
 from nermo_node import qos, run
 from nermo_node.diagnostics import OK, Diagnostics, Status
-from nermo_node.parameters import NodeParameters
+from nermo_node.parameters import NodeParameters, blame
 
 REPEAT_PERIOD_S = 0.1
 """The gait parameters are repeated as a sign of life: silence for 0.3 s stops the mouse."""
@@ -29,6 +28,11 @@ class GaitKnowledgeBaseParameters(GaitParameters, RobotChoice):
     sets_folder: str = Field(
         "",
         description="Folder of the named sets; empty: nermo/gaits in the user's data folder",
+        json_schema_extra={"readOnly": True},
+    )
+    start_set: str = Field(
+        "",
+        description="Named set to begin with, in place of all values given; empty: none",
         json_schema_extra={"readOnly": True},
     )
 
@@ -55,6 +59,9 @@ class GaitKnowledgeBaseNode(Node):
         self._gait_parameters = self.create_publisher(msg.GaitParameters, "gait_parameters", qos.LATCHED)
         self._robot_parameters = self.create_publisher(msg.RobotParameters, "robot_parameters", qos.LATCHED)
         self._robot_parameters.publish(conversions.robot_parameters_to_message(self._now(), robot))
+        if values.start_set:
+            with blame("start_set"):
+                self._settings.change(values.with_gait_parameters(self._knowledge_base.load(values.start_set)))
         self._publish()
         self.create_timer(REPEAT_PERIOD_S, self._publish)
         self.create_service(SaveParameterSet, "~/save_parameter_set", self._on_save)
@@ -106,12 +113,6 @@ class GaitKnowledgeBaseNode(Node):
         base = self._knowledge_base
         values = {"revision": base.revision, "gaits": ", ".join(base.parameters.gaits)}
         return OK, f"default gait {base.parameters.default_gait}", values
-
-
-def default_sets_folder() -> Path:
-    """Where the named sets are kept, by the XDG rules."""
-    data = os.environ.get("XDG_DATA_HOME") or "~/.local/share"
-    return Path(data).expanduser() / "nermo" / "gaits"
 
 
 def main() -> int:

@@ -22,6 +22,7 @@ from nermo_description.parameters import RobotParameters
 
 FASTEST = 20.0
 """Largest rate of the flexion [robot's largest flexion / s]; stride extension at 3 Hz, duty factor 0.5 needs 18.8."""
+BOTH_SECONDARY = "stride_extension and balance_compensation contradict each other while walking: the stride is extended"
 NOT_LIFTED: Flags = (False, False, False, False)
 
 
@@ -163,6 +164,8 @@ class SpineController:
         stride_weight = self._stride_weight.step(direction if extends else 0.0)
         stride = self._wave * stride_weight
 
+        if extends and modes.balance_compensation:
+            warnings.append(BOTH_SECONDARY)
         balance = 0.0
         if modes.balance_compensation and not extends:
             if legs is not None:

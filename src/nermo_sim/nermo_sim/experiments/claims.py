@@ -67,6 +67,7 @@ def summary(facts: dict[str, Any]) -> list[Row]:
     _balance(claims, facts["balance"])
     _maze(claims, facts["maze"]["rows"])
     _theory(claims, facts["straight-line"]["rows"])
+    _gaze(claims, facts.get("gaze", {}).get("rows", []))
     return claims.rows
 
 
@@ -354,6 +355,17 @@ def _theory(claims: Claims, rows: Sequence[Row]) -> None:
         lambda: abs(losses["reached_m_s"] - fast["speed_m_s"]) < 0.05 * losses["theory_m_s"],
         ours=round(losses["reached_m_s"], 4),
     )
+
+
+def _gaze(claims: Claims, rows: Sequence[Row]) -> None:
+    for axis, robot, mode in (("yaw", "nermo_lite", "spine"), ("yaw", "nermo", "imu"), ("pitch", "nermo", "imu")):
+        ratio = _over(pick(rows, robot=robot, gaze=mode), pick(rows, robot=robot, gaze="off"), f"head_{axis}_sd_deg")
+        if ratio is not None:
+            claims.words(
+                f"{robot}: the neck lowers the {axis} deviation of the head's cameras (N 7.1.2)",
+                lambda ratio=ratio: ratio < 1.0,  # type: ignore[misc]
+                ours=round(ratio, 3),
+            )
 
 
 def _over_theory(row: Row) -> float:

@@ -28,8 +28,11 @@ class ResultLog:
     def __init__(self, path: Path, digest: str) -> None:
         self._path, self._digest = path, digest
         self._results: dict[str, Any] = {}
+        self._cut_off = False
         if path.exists():
-            for line in path.read_text(encoding="utf-8").splitlines():
+            text = path.read_text(encoding="utf-8")
+            self._cut_off = bool(text) and not text.endswith("\n")
+            for line in text.splitlines():
                 try:
                     entry = json.loads(line)
                     if entry["configuration"] == digest:
@@ -47,8 +50,8 @@ class ResultLog:
         """Appends a result, which is plain data; it is on disk when this returns."""
         self._results[key] = result
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        cut_off = self._path.exists() and not self._path.read_bytes().endswith(b"\n") and self._path.stat().st_size > 0
         with self._path.open("a", encoding="utf-8") as file:
-            if cut_off:
-                file.write("\n")
-            file.write(json.dumps({"configuration": self._digest, "key": key, "result": result}) + "\n")
+            file.write(
+                "\n" * self._cut_off + json.dumps({"configuration": self._digest, "key": key, "result": result}) + "\n"
+            )
+        self._cut_off = False

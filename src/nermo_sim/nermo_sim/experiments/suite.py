@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from nermo_description.robots import load_robot
 from nermo_sim.batch import processors
-from nermo_sim.experiments import balance, coordination, footstep, maze, straight_line, transition, turning
+from nermo_sim.experiments import balance, coordination, footstep, gaze, maze, straight_line, transition, turning
 from nermo_sim.experiments.ablation import ablation
 from nermo_sim.experiments.claims import comparison, summary
 from nermo_sim.experiments.orientation import AXES
@@ -22,6 +23,7 @@ EXPERIMENTS: dict[str, ModuleType] = {
     "turning": turning,
     "balance": balance,
     "maze": maze,
+    "gaze": gaze,
 }
 """Those of N chapter 6. Each has `cases(quick)`, `run(job)` and `table(cases, settings, robot, results)`."""
 FURTHER: dict[str, ModuleType] = {
@@ -30,6 +32,8 @@ FURTHER: dict[str, ModuleType] = {
     "transition": transition,
 }
 """Experiments beyond N's, run one by one; made alike."""
+ROBOTS = ("nermo_lite", "nermo")
+"""N's robots. The neck of `nermo` tilts too, so that `all` looks at the gaze of both."""
 COM_KEY = "com interval"
 
 
@@ -68,6 +72,11 @@ def run_all(
     for name in EXPERIMENTS:
         with progress(name) as report:
             facts[name] = run_experiment(name, settings, folder / name, workers, report)
+    if settings.robot in ROBOTS:
+        (other,) = (name for name in ROBOTS if name != settings.robot)
+        with progress(f"gaze, {other}") as report:
+            more = run_experiment("gaze", replace(settings, robot=other), folder / "gaze", workers, report)
+        facts["gaze"]["rows"] += more["rows"]
     facts["orientation"] = {"rows": [_orientation(row) for row in facts["straight-line"]["rows"]]}
     facts["theory_against_twin"] = {"rows": _losses(facts["straight-line"]["rows"])}
     facts["ablation"] = {"rows": ablation(facts)}

@@ -18,6 +18,7 @@ TABLES = {
     "turning": "Turning (N 6.2.2)",
     "balance": "Balance (N 6.2.3)",
     "maze": "Maze (N 6.2.4)",
+    "gaze": "Gaze: the neck against the gait's swing (N 7.1.2)",
     "theory_against_twin": "Theory against twin (N 7.2.1)",
     "ablation": "Each spine function off alone",
 }

@@ -1,0 +1,1 @@
+"""`nermo optimize`: gait and leg parameters for a stated cost, searched on the twin."""
