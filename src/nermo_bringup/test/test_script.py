@@ -24,6 +24,7 @@ commands:
   - {at: 0.5, posture: stand}
   - {at: 2, posture: walk, forward_velocity: 0.06, gait: trot, gait_frequency: 0.8, trajectory_mode: straight_line}
   - {at: 4, turn_rate: 0.2, trajectory_mode: external, spine_modes: {turning: true}, turning_strategy: mix}
+  - {at: 8, posture: lift_rear_left, spine_modes: {balance_compensation: true}}
   - {at: 10, posture: sit, forward_velocity: 0, turn_rate: 0}
 """
 
@@ -43,6 +44,7 @@ def test_a_file_gives_the_command_of_each_moment(tmp_path: Path) -> None:
     assert script.control_at(5 * SECOND, 1) == ControlCommand(
         1, 0.06, 0.2, Posture.WALK, TrajectoryMode.EXTERNAL, "trot", 0.8, "mix", SpineModes(turning=True)
     )
+    assert script.control_at(9 * SECOND, 1).posture is Posture.LIFT_REAR_LEFT
     assert script.control_at(12 * SECOND, 1).posture is Posture.SIT
     assert script.control_at(12 * SECOND + 1, 1) is None
 
@@ -74,7 +76,7 @@ def test_a_file_of_servo_positions_keeps_what_is_not_named(tmp_path: Path) -> No
         ),
         (
             {"at": 1, "posture": "lie"},
-            "commands.1.posture: is 'lie'; input should be 'walk', 'stand', 'sit', 'crouch' or 'stop'",
+            "commands.1.posture: is 'lie'; input should be 'walk', 'stand', 'sit', 'crouch', 'stop', 'lift_front_left'",
         ),
         (
             {"at": 1, "spine_modes": {"turn": True}},

@@ -40,7 +40,7 @@ class Hands:
             if name in PAD.buttons:
                 buttons[PAD.buttons[name]] = 1
             else:
-                axes[PAD.axes[name[:-1]]] = -1.0
+                axes[PAD.axes[name[:-1]]] = 1.0 if name[-1] == "+" else -1.0
         return axes, buttons
 
     def hold(self, *held: str, forward: float = 0.0, turn: float = 0.0):
@@ -130,6 +130,15 @@ def test_postures_stay_until_the_stick_moves() -> None:
     assert hands.hold().posture is Posture.SIT
     assert hands.hold("dead_man", forward=0.5).posture is Posture.WALK
     assert hands.press("stand").posture is Posture.STAND
+
+
+def test_each_press_lifts_the_next_leg_then_none_and_the_stick_ends_it() -> None:
+    hands = Hands()
+    lifts = [Posture.LIFT_FRONT_LEFT, Posture.LIFT_FRONT_RIGHT, Posture.LIFT_REAR_LEFT, Posture.LIFT_REAR_RIGHT]
+    assert [hands.press("lift_leg").posture for _ in range(6)] == [*lifts, Posture.STAND, lifts[0]]
+    assert hands.hold("dead_man", forward=0.5).posture is Posture.WALK
+    hands.hold("emergency_stop")
+    assert hands.press("lift_leg").posture is Posture.STOP
 
 
 def test_an_emergency_stop_needs_no_dead_man_and_ends_only_by_standing() -> None:

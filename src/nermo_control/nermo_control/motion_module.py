@@ -1,13 +1,15 @@
 """The motion module: leg phases -> foot trajectories -> foot positions -> inverse kinematics -> servos (N 5.4.1).
 
 Its state machine: HOLDING (servos rest) -> MOVING (to another posture, blended in servo space) -> HOLDING, and from
-HOLDING on four feet -> WALKING -> SETTLING (swing feet straight down, stance feet stay where they are) -> HOLDING.
+HOLDING on four feet -> WALKING -> SETTLING (swing feet straight down, stance feet stay where they are) -> HOLDING, and
+from the stand -> LIFTING (one leg up, for as long as it is asked for, and down again) -> HOLDING.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import Enum, auto
 from typing import Literal
 
@@ -20,13 +22,24 @@ from nermo_control.gait.trajectory import foot_position
 from nermo_control.head import GazeController, GazeMode
 from nermo_control.inbox import Inbox
 from nermo_control.leg_controller import LegController
+from nermo_control.lift import LIFTED_LEG, LegLift
 from nermo_control.oscillators.legs import Coordination, OscillatorLegs, OscillatorSettings
-from nermo_control.spine.controller import SpineController
+from nermo_control.spine.controller import NOT_LIFTED, SpineController
 from nermo_control.tail import TailController, TailMode
 from nermo_control.turning import leg_modulation
-from nermo_control.types import FootTrajectory, Four, Imu, LegLoads, LegStates, MotionCommand, MotionOutput, Posture
+from nermo_control.types import (
+    FootTrajectory,
+    Four,
+    Imu,
+    LegLoads,
+    LegStates,
+    MotionCommand,
+    MotionOutput,
+    Posture,
+    SpineModes,
+)
 from nermo_control.validation import motion_command_error
-from nermo_description.parameters import RobotParameters
+from nermo_description.parameters import LEGS, RobotParameters
 
 Source = Literal["trajectory_generator", "gait_knowledge_base"]
 """A node whose silence stops the mouse."""
@@ -98,6 +111,7 @@ class _Activity(Enum):
     MOVING = auto()
     WALKING = auto()
     SETTLING = auto()
+    LIFTING = auto()
 
 
 class MotionModule:
@@ -127,6 +141,8 @@ class MotionModule:
         self._neutral = [servo.neutral for servo in robot.servos.values()]
         self._index = {name: number for number, name in enumerate(self._names)}
         self._largest_steps = [servo.max_velocity * period_ns * 1e-9 for servo in robot.servos.values()]
+        self._knees = [self._index[f"{leg}_knee"] for leg in LEGS]
+        self._knee_limits = [robot.servos[f"{leg}_knee"].lower for leg in LEGS]
         self._timeout = round(self._config.silence_timeout * 1e9)
         self._inbox: Inbox[MotionCommand] = Inbox(
             lambda command: motion_command_error(command, self._parameters),
@@ -142,6 +158,9 @@ class MotionModule:
         self._activity = _Activity.HOLDING
         self._at: Posture | None = None
         self._moving_to: Posture | None = None
+        self._lift: LegLift
+        self._lifting: Posture | None = None
+        self._lifting_modes = SpineModes()
         self._blend: Blend
         self._x, self._z = _neutral_feet(gait_parameters)
         self._trajectories: list[FootTrajectory | None] = [None] * 4
@@ -260,6 +279,8 @@ class MotionModule:
         elif activity is _Activity.WALKING:
             if goal is not Posture.WALK:
                 self._start_settling(stamp)
+        elif activity is _Activity.LIFTING:
+            self._keep_lifting(stamp, goal)
         elif activity is not _Activity.SETTLING and goal is not None:
             self._follow(stamp, goal, warnings)
 
@@ -272,7 +293,10 @@ class MotionModule:
         if goal is Posture.WALK and on_feet:
             self._start_walking(stamp)
             return
-        target = Posture.STAND if goal in (Posture.WALK, Posture.STILL) else goal
+        if goal in LIFTED_LEG and holding and self._at is Posture.STAND:
+            self._start_lifting(stamp, goal)
+            return
+        target = Posture.STAND if goal in (Posture.WALK, Posture.STILL, *LIFTED_LEG) else goal
         if target is not (self._at if holding else self._moving_to):
             self._blend = Blend(
                 self._servos, self._posture_servos(target, warnings), self._config.posture_velocity, stamp
@@ -326,6 +350,22 @@ class MotionModule:
         servos = list(self._neutral)
         self._leg_controller.step(*_neutral_feet(self._parameters), servos, warnings)
         return servos
+
+    # One leg lifted
+
+    def _start_lifting(self, stamp: int, posture: Posture) -> None:
+        self._activity, self._lifting = _Activity.LIFTING, posture
+        self._lift = LegLift(LIFTED_LEG[posture], stamp)
+        self._keep_lifting(stamp, posture)
+
+    def _keep_lifting(self, stamp: int, goal: Posture | None) -> None:
+        """Until another posture is wanted; then the leg comes down first, and until it stands the balance is kept."""
+        if goal is not self._lifting:
+            self._lift.lower(stamp)
+        elif self._inbox.command is not None:
+            self._lifting_modes = self._inbox.command.spine_modes
+        if self._lift.down(stamp):
+            self._hold(at=Posture.STILL)
 
     # Walking
 
@@ -420,7 +460,10 @@ class MotionModule:
         command, config, z = self._inbox.command, self._config, self._z
         if command is not None:
             legs = self._legs.now if self._activity is _Activity.WALKING else None
-            spine = self._spine.step(command, legs, self._x, z, arch=config.arch)
+            lifted = NOT_LIFTED
+            if self._activity is _Activity.LIFTING:
+                command, lifted = replace(command, spine_modes=self._lifting_modes), self._lift.lifted
+            spine = self._spine.step(command, legs, self._x, z, lifted, config.arch)
             z = [height + offset for height, offset in zip(z, spine.foot_offsets, strict=True)]
             warnings.extend(spine.warnings)
             targets, index = self._targets, self._index
@@ -433,6 +476,9 @@ class MotionModule:
                 targets[index["head_tilt"]] = tilt
             targets[index["tail"]] = self._tail.step(config.tail, config.tail_angle, spine.flexion)
         self._leg_controller.step(self._x, z, self._targets, warnings)
+        if self._activity is _Activity.LIFTING:
+            knee = self._knees[self._lift.leg]
+            self._targets[knee] = max(self._targets[knee] + self._lift.knee(stamp), self._knee_limits[self._lift.leg])
 
     def _leg_states(self, stamp: int, velocities: Four) -> LegStates:
         """State of the legs and the request for trajectories that begin one tick ahead, where the feet will then be."""

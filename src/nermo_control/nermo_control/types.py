@@ -18,6 +18,7 @@ class Posture(IntEnum):
     """What the body is asked to do; values of `ControlCommand.POSTURE_*`.
 
     STOP freezes every servo; STILL ends walking on four feet, each where it came down; STAND is the neutral stance.
+    LIFT_* is the stand with one leg lifted, as in the balance test (N 6.1.5).
     """
 
     WALK = 0
@@ -26,6 +27,10 @@ class Posture(IntEnum):
     CROUCH = 3
     STOP = 4
     STILL = 5
+    LIFT_FRONT_LEFT = 6
+    LIFT_FRONT_RIGHT = 7
+    LIFT_REAR_LEFT = 8
+    LIFT_REAR_RIGHT = 9
 
 
 class TrajectoryMode(IntEnum):

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from nermo_control.gait.knowledge_base import GaitDefinition, GaitParameters, LegStride
 from nermo_control.gait.trajectory import TrajectoryGenerator
 from nermo_control.legs.kinematics import LegKinematics
+from nermo_control.lift import KNEE_COMPRESSION, LIFT_DURATION, LIFTED_LEG, SHIFT_DURATION
 from nermo_control.motion_module import MotionModule, MotionModuleConfig
 from nermo_control.types import FootTrajectory, Four, MotionCommand, MotionOutput, Phase, Posture, SpineModes
 from nermo_description.parameters import LEGS, RobotParameters
@@ -484,3 +485,72 @@ def test_a_stance_height_changed_while_settling_waits_for_the_next_walk(rig: Rig
     rig.tune(rig.parameters.model_copy(update={"rear": shape}), MotionModuleConfig())
     rig.run(0.3, STILL)
     assert_on_four_feet(rig)
+
+
+# One leg lifted
+
+
+def lifting(posture: Posture, balance: bool = True) -> MotionCommand:
+    return replace(STAND, posture=posture, spine_modes=SpineModes(balance_compensation=balance))
+
+
+@pytest.mark.parametrize("posture", list(LIFTED_LEG))
+def test_one_leg_is_lifted_and_the_others_stand(rig: Rig, posture: Posture) -> None:
+    leg, names = LIFTED_LEG[posture], list(rig.robot.servos)
+    rig.run(1.0, STAND)
+    standing = rig.servos
+    before = rig.run(SHIFT_DURATION - 0.1, lifting(posture))[-1]
+    knee, spine = names.index(f"{LEGS[leg]}_knee"), names.index("spine_lateral")
+    assert before.servo_positions[knee] == standing[knee]
+    # Bending to the left carries the stability diagonal to the left of the centre of mass: a left leg is free.
+    assert (before.servo_positions[spine] > 0.5) == (leg in (0, 2))
+    assert (before.servo_positions[spine] < -0.5) == (leg in (1, 3))
+    rig.run(1.0, lifting(posture))
+    assert rig.servos[knee] == pytest.approx(standing[knee] - KNEE_COMPRESSION[leg])
+    for number in set(range(4)) - {leg}:
+        assert rig.feet()[number] == pytest.approx(NEUTRAL[number], abs=1e-6)
+
+
+def test_without_compensation_the_spine_stays_straight(rig: Rig) -> None:
+    rig.run(1.0, STAND)
+    rig.run(2.0, lifting(Posture.LIFT_REAR_LEFT, balance=False))
+    assert rig.servos[list(rig.robot.servos).index("spine_lateral")] == pytest.approx(0.0)
+    assert rig.feet()[2][1] > NEUTRAL[2][1] + 0.005
+
+
+@pytest.mark.parametrize("then", [STAND, WALK, lifting(Posture.LIFT_FRONT_LEFT), replace(STAND, posture=Posture.SIT)])
+def test_a_lifted_leg_is_put_down_before_anything_else(rig: Rig, then: MotionCommand) -> None:
+    rig.run(1.0, STAND)
+    rig.run(2.0, lifting(Posture.LIFT_REAR_RIGHT))
+    bend = rig.servos[list(rig.robot.servos).index("spine_lateral")]
+    outputs = rig.run(LIFT_DURATION, then)
+    heights = [rig.feet(output)[3][1] for output in outputs]
+    assert all(later <= earlier + 1e-9 for earlier, later in itertools.pairwise(heights))
+    assert heights[-1] == pytest.approx(NEUTRAL[3][1], abs=1e-4)
+    assert rig.servos[list(rig.robot.servos).index("spine_lateral")] == pytest.approx(bend, abs=0.02)
+    rig.run(4.0, then)
+    assert is_walking(rig.outputs[-200:]) == (then is WALK)
+    front_left = rig.feet()[0][1]
+    if then is STAND:
+        assert_on_four_feet(rig)
+    elif then.posture == Posture.LIFT_FRONT_LEFT:
+        assert front_left > NEUTRAL[0][1] + 0.005
+    elif then.posture == Posture.SIT:
+        assert front_left == pytest.approx(-0.053, abs=1e-3)
+
+
+def test_a_leg_is_lifted_from_the_stand_only(rig: Rig) -> None:
+    rig.run(1.0, STAND)
+    rig.run(1.3, WALK)
+    rig.run(4.0, lifting(Posture.LIFT_FRONT_RIGHT))
+    for number in (0, 2, 3):
+        assert rig.feet()[number] == pytest.approx(NEUTRAL[number], abs=1e-6)
+    assert rig.feet()[1][1] > NEUTRAL[1][1] + 0.005
+
+
+def test_a_freeze_keeps_a_lifted_leg_up(rig: Rig) -> None:
+    rig.run(1.0, STAND)
+    rig.run(2.0, lifting(Posture.LIFT_REAR_LEFT))
+    frozen = rig.servos
+    assert is_still(rig.run(1.0, replace(STAND, posture=Posture.STOP)))
+    assert rig.servos == frozen

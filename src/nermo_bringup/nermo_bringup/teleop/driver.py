@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from nermo_control.lift import LIFTED_LEG
 from nermo_control.types import ControlCommand, Posture, SpineModes, TrajectoryMode
 
 SPEED_STEPS = 10
@@ -64,6 +65,13 @@ class Driver:
             self.stopped = False
         if not self.stopped:
             self.posture = posture
+
+    def lift_leg(self) -> None:
+        """Stand with one leg lifted: the first, or the one after that which is lifted; after the last, on all four."""
+        lifts = (*LIFTED_LEG, Posture.STAND)
+        place = lifts.index(self.posture) if self.posture in LIFTED_LEG else -1
+        if not self.stopped:
+            self.posture = lifts[place + 1]
 
     def change_speed(self, steps: int) -> None:
         """Drive faster or slower by some steps of a tenth of the highest speed."""

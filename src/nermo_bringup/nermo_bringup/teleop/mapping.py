@@ -36,6 +36,7 @@ class PadMapping:
             "stand": lambda: driver.take(Posture.STAND),
             "sit": lambda: driver.take(Posture.SIT),
             "crouch": lambda: driver.take(Posture.CROUCH),
+            "lift_leg": driver.lift_leg,
             "next_gait": driver.next_gait,
             "faster": lambda: driver.change_speed(1),
             "slower": lambda: driver.change_speed(-1),

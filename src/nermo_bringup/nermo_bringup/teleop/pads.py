@@ -33,6 +33,7 @@ class Controls(BaseModel):
     crouch: str | None = None
     freeze: str | None = Field(None, description="freeze every servo until another posture is asked for")
     straight_line: str | None = Field(None, description="held: the mouse holds its line by itself")
+    lift_leg: str | None = Field(None, description="stand with a leg lifted, the next one with each press")
     next_gait: str | None = None
     faster: str | None = None
     slower: str | None = None

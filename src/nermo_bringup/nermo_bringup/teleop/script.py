@@ -20,6 +20,17 @@ from nermo_description.parameter_files import read_yaml, validate
 ServoPositions = Mapping[str, float]
 """Target of each servo, rad."""
 
+PostureName = Literal[
+    "walk",
+    "stand",
+    "sit",
+    "crouch",
+    "stop",
+    "lift_front_left",
+    "lift_front_right",
+    "lift_rear_left",
+    "lift_rear_right",
+]
 SECOND = 10**9
 CONTROL_TOPIC = "control_command"
 SERVO_TOPIC = "servo_command"
@@ -50,7 +61,7 @@ class Entry(BaseModel):
     at: FiniteFloat = Field(ge=0.0, description="[s] since the start")
     forward_velocity: FiniteFloat | None = Field(None, ge=-1.0, le=1.0, description="[m/s]")
     turn_rate: FiniteFloat | None = Field(None, ge=-10.0, le=10.0, description="[rad/s]")
-    posture: Literal["walk", "stand", "sit", "crouch", "stop"] | None = None
+    posture: PostureName | None = None
     trajectory_mode: Literal["external", "straight_line"] | None = None
     gait: str | None = None
     gait_frequency: Annotated[FiniteFloat, AfterValidator(_frequency)] | None = None

@@ -7,7 +7,7 @@ import functools
 import math
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from nermo_control.blend import smooth
 from nermo_control.leg_controller import LegController
+from nermo_control.lift import KNEE_COMPRESSION, LIFT_DURATION, SHIFT_DURATION
 from nermo_control.spine.controller import SpineController
 from nermo_control.types import LegStates, MotionCommand, MotionOutput, Phase, Posture, SpineModes
 from nermo_description.model import build_model
@@ -26,12 +27,10 @@ from nermo_sim.experiments.runs import Job, Result, Settings, mean, rounded, spr
 from nermo_sim.recording import Recorder, Recording
 from nermo_sim.twin import Twin
 
-KNEE_COMPRESSION = {"front": 0.6, "rear": 0.7}
-"""How far the knee servo pulls [rad], N A.4.2 (which names the rear legs twice: 0.6 rad is the front's)."""
 SWEEP = 0.7
 """Amplitude of the hip servo about its neutral position [rad], N A.4.2."""
-LIFT_AT, LIFT_DURATION = 1.0, 0.3
-"""Four feet stand, spine bent or not, until the leg is lifted [s]; N's figure 6.15 shows it lifted at about 1 s."""
+LIFT_AT = SHIFT_DURATION
+"""Four feet stand, spine bent or not, until the leg is lifted [s]."""
 SWEEP_AT, SWEEP_DURATION = 2.3, 2.0
 END = 4.6
 """[s]"""
@@ -110,7 +109,7 @@ def lift(
         # Without the rear legs' offsets, the bent hip's roll takes the load off the diagonal's neighbours.
         legs.step(x, [height + offset for height, offset in zip(z, target.foot_offsets, strict=True)], servos, [])
         servos[bend] = target.servo_position
-        servos[knee] -= KNEE_COMPRESSION[case.leg.split("_")[0]] * smooth((elapsed - LIFT_AT) / LIFT_DURATION)
+        servos[knee] -= KNEE_COMPRESSION[lifted] * smooth((elapsed - LIFT_AT) / LIFT_DURATION)
         servos[hip] += SWEEP * _sweep(elapsed)
         recorder.add(twin.step(servos), MotionOutput(tuple(servos), _legs_up(twin.time_ns, lifted, elapsed)))
     return recorder.recording()
@@ -180,8 +179,7 @@ def run(job: Job[Case]) -> Result:
 
 def _gentle(settings: Settings) -> Disturbance:
     """First pose and ground differ from run to run; nobody pushes a mouse on three feet."""
-    kind = settings.disturbance
-    return Disturbance(kind.friction, kind.heading, kind.joint, 0.0, kind.push_interval, kind.push_duration)
+    return replace(settings.disturbance, push=0.0)
 
 
 def table(cases: Sequence[Case], settings: Settings, robot: RobotParameters, results: list[list[Result]]) -> list[Any]:
