@@ -7,12 +7,24 @@ import math
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from nermo_bringup.demo.evaluation import Track, Walk, complaints, judge_turn, judge_walk, read_health, sitting_pitch
+from nermo_bringup.demo.evaluation import (
+    Balance,
+    SpineTurn,
+    Track,
+    Walk,
+    complaints,
+    judge_balance,
+    judge_turn,
+    judge_walk,
+    read_health,
+    sitting_pitch,
+)
 from nermo_bringup.demo.plan import Scene, make_plan
 from nermo_bringup.recording.bag import BagWriter
 from nermo_bringup.recording.errors import RecordingError
@@ -40,9 +52,13 @@ def test_the_plan_is_a_command_file_that_does_what_its_scenes_say(plan) -> None:
             assert (command.gait, command.gait_frequency) == (scene.gait, 0.8)
             assert command.trajectory_mode is TrajectoryMode.STRAIGHT_LINE
             assert command.forward_velocity > 0.0
-        elif scene.kind in ("turn_left", "turn_right"):
+        elif scene.kind in ("turn_left", "turn_right", "turn_spine"):
             assert command.trajectory_mode is TrajectoryMode.EXTERNAL
-            assert (command.turn_rate > 0.0) == (scene.kind == "turn_left")
+            assert (command.turn_rate > 0.0) == (scene.kind != "turn_right")
+            assert command.spine_modes.turning == (scene.kind == "turn_spine")
+        elif scene.kind == "balance":
+            assert command.posture is Posture.LIFT_REAR_LEFT
+            assert command.spine_modes.balance_compensation
         else:
             assert command.posture is (Posture.SIT if scene.kind == "sit" else Posture.STAND)
     assert [scene.gait for scene in plan.scenes if scene.kind == "walk"] == GAITS
@@ -113,6 +129,20 @@ def test_sitting_lifts_the_nose() -> None:
     assert sitting_pitch(seated, Scene("sit", 1.0, 3.0)) == pytest.approx(0.2)
 
 
+@pytest.mark.parametrize(("load", "tilt", "passed"), [(0.0, 0.05, True), (0.2, 0.05, False), (0.0, 0.5, False)])
+def test_a_lift_passes_if_the_foot_is_free_and_the_mouse_stays_up(load: float, tilt: float, passed: bool) -> None:
+    standing = track(1.0, 6.0, 0.0, 0.0, 0.0)
+    standing.roll_pitch_yaw[standing.time > 2.5, 1] = tilt
+    time = standing.time[::4]
+    force = np.full((len(time), 4), 0.66)
+    force[time > 2.2, 2] = load
+    balance = judge_balance(standing, Scene("balance", 1.0, 5.0), (time, force), "rear_left")
+    assert balance.passed == passed
+    assert balance.foot_forces_n == pytest.approx((0.66, 0.66, load, 0.66))
+    with pytest.raises(RecordingError, match="no foot forces between 2\\.4 s and 5\\.0 s"):
+        judge_balance(standing, Scene("balance", 1.0, 5.0), (time[:100], force[:100]), "rear_left")
+
+
 def good_walks() -> list[Walk]:
     return [Walk(gait, 0.8, False, 10.0, 0.6, 0.06, 0.01, 2.0, False) for gait in GAITS]
 
@@ -124,8 +154,12 @@ def turns(degrees: float = 40.0):
     ]
 
 
+BENT = SpineTurn("mix", 5.0, 40.0, 0.2, 0.4, False)
+BALANCED = Balance("rear_left", True, True, (1.2, 0.2, 0.0, 1.2), 0.0, -1.0, 5.0)
+
+
 def test_a_good_run_passes(plan) -> None:
-    assert complaints(good_walks(), turns(), 0.2, plan, NO_SLIP) == []
+    assert complaints(good_walks(), turns(), BENT, BALANCED, 0.2, plan, NO_SLIP) == []
 
 
 @pytest.mark.parametrize(
@@ -140,13 +174,21 @@ def test_a_good_run_passes(plan) -> None:
 )
 def test_a_bad_walk_is_named(plan, change: dict, complaint: str) -> None:
     values = {name: getattr(good_walks()[0], name) for name in Walk.__slots__}
-    found = complaints([Walk(**{**values, **change}), good_walks()[1]], turns(), 0.2, plan, NO_SLIP)
+    found = complaints([Walk(**{**values, **change}), good_walks()[1]], turns(), BENT, BALANCED, 0.2, plan, NO_SLIP)
     assert any(complaint in text for text in found), found
 
 
 def test_turns_and_sitting_are_judged(plan) -> None:
-    assert "turn left: 5 deg" in " ".join(complaints(good_walks(), turns(5.0), 0.2, plan, NO_SLIP))
-    assert "sit: the nose rose by 0.6 deg" in " ".join(complaints(good_walks(), turns(), 0.01, plan, NO_SLIP))
+    def found(turned: float = 40.0, bent: SpineTurn = BENT, balanced: Balance = BALANCED, lift: float = 0.2) -> str:
+        return " ".join(complaints(good_walks(), turns(turned), bent, balanced, lift, plan, NO_SLIP))
+
+    assert "turn left: 5 deg" in found(turned=5.0)
+    assert "spine: 40 deg, spine servo at 0.05 rad" in found(bent=replace(BENT, spine_rad=0.05))
+    assert "spine: 4 deg, spine servo at 0.40 rad" in found(bent=replace(BENT, turned_deg=4.0))
+    assert "rear left lifted: its foot carried something for 40%" in found(
+        balanced=replace(BALANCED, passed=False, loaded_share=0.4)
+    )
+    assert "sit: the nose rose by 0.6 deg" in found(lift=0.01)
 
 
 def test_a_recording_without_ground_truth_is_no_verdict(tmp_path: Path) -> None:
@@ -171,6 +213,8 @@ def test_the_demo_walks_the_whole_graph_and_leaves_nothing_running(tmp_path: Pat
     assert facts["passed"] is True
     assert [walk["gait"] for walk in facts["walks"]] == ["trot", "walking_trot", "lateral_walk"]
     assert not any(walk["fell"] for walk in facts["walks"])
+    assert facts["turn"]["spine_rad"] > 0.15
+    assert facts["balance"]["passed"] is True
     assert {"p50", "p99", "max"} == set(facts["graph"]["command_age_ms"])
     assert facts["graph"]["ticks_missed"] == 0
     assert all(Path(path).stat().st_size > 0 for path in facts["pictures"])

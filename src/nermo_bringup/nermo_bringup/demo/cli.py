@@ -24,8 +24,9 @@ def demo(
 ) -> None:
     """Walk the mouse through all it can do, in the whole ROS graph on the twin.
 
-    It stands, walks each gait on a straight line, turns both ways and sits. A recording, a table, pictures and a video
-    tell how it went. Exit status 0 only if the mouse did it.
+    It stands, walks each gait on a straight line, turns both ways by its legs and once with its spine, balances on
+    three feet and sits. A recording, a table, pictures and a video tell how it went. Exit status 0 only if the mouse
+    did it.
 
     \b
     nermo demo

@@ -17,7 +17,7 @@ from rich.table import Table
 
 from nermo_bringup.demo import evaluation, pictures
 from nermo_bringup.demo.graph import running_graph
-from nermo_bringup.demo.plan import WALK_SPEED_M_S, Plan, make_plan
+from nermo_bringup.demo.plan import LIFTED, WALK_SPEED_M_S, Plan, make_plan
 from nermo_bringup.launch.description import load
 from nermo_bringup.launch.executables import find_launch_file
 from nermo_bringup.recording.errors import RecordingError
@@ -57,6 +57,8 @@ class Outcome:
 
     walks: list[evaluation.Walk]
     turns: list[evaluation.Turn]
+    spine_turn: evaluation.SpineTurn
+    balance: evaluation.Balance
     nose_lift: float
     """[rad] by sitting."""
     health: evaluation.GraphHealth
@@ -146,11 +148,16 @@ def _walk(settings: Settings, plan: Plan, out: Path, bag: Path, console: Console
 def _judge(recording: Recording, plan: Plan, gaits: GaitParameters) -> tuple[Outcome, evaluation.Track, int]:
     track, start = evaluation.read_track(recording)
     walks, turns, nose_lift = [], [], 0.0
+    spine, forces = evaluation.read_spine(recording, start), evaluation.read_foot_forces(recording, start)
     for scene in plan.scenes:
         if scene.kind == "walk":
             walks.append(evaluation.judge_walk(track, scene, plan.gait_frequency))
         elif scene.kind in ("turn_left", "turn_right"):
             turns.append(evaluation.judge_turn(track, scene))
+        elif scene.kind == "turn_spine":
+            spine_turn = evaluation.judge_spine_turn(track, scene, spine)
+        elif scene.kind == "balance":
+            balance = evaluation.judge_balance(track, scene, forces, LIFTED)
         elif scene.kind == "sit":
             nose_lift = evaluation.sitting_pitch(track, scene)
     stride = min(gaits.front.max_stride_length, gaits.rear.max_stride_length)
@@ -158,8 +165,9 @@ def _judge(recording: Recording, plan: Plan, gaits: GaitParameters) -> tuple[Out
         name: min(gait_speed(plan.gait_frequency, stride, gait.gait_factor), WALK_SPEED_M_S)
         for name, gait in gaits.gaits.items()
     }
-    complaints = evaluation.complaints(walks, turns, nose_lift, plan, no_slip)
-    return Outcome(walks, turns, nose_lift, evaluation.read_health(recording), complaints), track, start
+    complaints = evaluation.complaints(walks, turns, spine_turn, balance, nose_lift, plan, no_slip)
+    health = evaluation.read_health(recording)
+    return Outcome(walks, turns, spine_turn, balance, nose_lift, health, complaints), track, start
 
 
 def _draw(
@@ -174,10 +182,11 @@ def _draw(
 ) -> list[Path]:
     from nermo_sim.render import RenderingUnavailableError
 
-    drawn = [out / name for name in ("track.png", "gaits.png", "orientation.png")]
+    drawn = [out / name for name in ("track.png", "gaits.png", "orientation.png", "balance.png")]
     pictures.draw_track(track, plan, drawn[0])
     pictures.draw_gaits(recording, start, plan, drawn[1])
     pictures.draw_orientation(track, plan, drawn[2])
+    pictures.draw_balance(evaluation.read_foot_forces(recording, start), plan, drawn[3])
     if settings.video:
         try:
             with _progress(console, "drawing the video") as advance:
@@ -203,9 +212,19 @@ def _print(outcome: Outcome, plan: Plan, console: Console) -> None:
             "yes" if walk.fell else "no",
         )
     console.print(table)
-    others = Table(title="Turns, sitting and the graph", show_header=False)
+    others = Table(title="Turns, balance, sitting and the graph", show_header=False)
     for turn in outcome.turns:
         others.add_row(f"turn {turn.direction}", f"{turn.turned_deg:+.0f} deg on a radius of {turn.radius_m:.2f} m")
+    bent, lifted = outcome.spine_turn, outcome.balance
+    others.add_row(
+        "turn left with the spine",
+        f"{bent.turned_deg:+.0f} deg on a radius of {bent.radius_m:.2f} m, spine servo at {bent.spine_rad:.2f} rad",
+    )
+    forces = ", ".join(f"{force:.2f}" for force in lifted.foot_forces_n)
+    others.add_row(
+        f"{lifted.leg.replace('_', ' ')} leg lifted, balance compensation",
+        f"{'passed' if lifted.passed else 'failed'}, forces {forces} N, pitch {lifted.pitch_deg:+.1f} deg",
+    )
     others.add_row("sit", f"nose up by {math.degrees(outcome.nose_lift):.1f} deg")
     age = outcome.health.command_age_ms
     ages = ", ".join(f"{name} {value:.2f} ms" for name, value in age.items())
@@ -229,6 +248,8 @@ def _write(
     facts = {
         "walks": [asdict(walk) for walk in outcome.walks],
         "turns": [asdict(turn) for turn in outcome.turns],
+        "turn": asdict(outcome.spine_turn),
+        "balance": asdict(outcome.balance),
         "sitting_nose_lift_deg": math.degrees(outcome.nose_lift),
         "graph": {
             "nodes": nodes,

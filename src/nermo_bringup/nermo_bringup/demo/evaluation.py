@@ -13,6 +13,8 @@ from scipy.spatial.transform import Rotation
 from nermo_bringup.demo.plan import Plan, Scene
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.reader import Recording, TopicData
+from nermo_control.lift import LIFT_DURATION, SHIFT_DURATION
+from nermo_description.parameters import LEGS
 
 Array = NDArray[np.float64]
 
@@ -26,6 +28,14 @@ LARGEST_DRIFT = 0.15
 """... and up to this lateral drift, as share of the distance."""
 LARGEST_HEADING_ERROR_DEG = 20.0
 LEAST_TURN_DEG = 15.0
+LEAST_BEND_RAD = 0.15
+"""A turn with the spine bends its servo by at least so much; full lock takes 0.7 rad."""
+LOADED_N = 0.03
+"""Force from which the lifted foot counts as standing: 1 % of the weight."""
+LARGEST_LOADED_SHARE = 0.05
+"""Of the time that the leg is lifted."""
+LARGEST_TILT_DEG = 20.0
+"""... beyond which the mouse has tipped over."""
 LEAST_SITTING_PITCH_DEG = 3.0
 """Sitting lifts the nose by at least so much."""
 
@@ -82,6 +92,36 @@ class Turn:
     turned_deg: float
     radius_m: float
     fell: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SpineTurn:
+    """One turn to the left in which the spine helps."""
+
+    strategy: str
+    duration_s: float
+    turned_deg: float
+    radius_m: float
+    spine_rad: float
+    """Mean position of the servo spine_lateral in the second half, positive left."""
+    fell: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Balance:
+    """One leg lifted by a mouse that stands, as in N table 6.5."""
+
+    leg: str
+    compensation: bool
+    passed: bool
+    """The lifted foot carried nothing and the mouse did not tip over."""
+    foot_forces_n: tuple[float, ...]
+    """While the leg was up: front left, front right, rear left, rear right."""
+    loaded_share: float
+    """Share of that time in which the lifted foot carried something."""
+    pitch_deg: float
+    """Change of pitch by lifting, positive nose down."""
+    tilt_peak_deg: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +198,50 @@ def judge_turn(track: Track, scene: Scene) -> Turn:
     )
 
 
+def judge_spine_turn(track: Track, scene: Scene, spine: tuple[Array, Array]) -> SpineTurn:
+    """As `judge_turn`; `spine` is times (n,) [s] since the demo's start and positions (n,) [rad] of spine_lateral."""
+    turn = judge_turn(track, scene)
+    time, position = spine
+    rows = (time >= 0.5 * (scene.begin + scene.end)) & (time <= scene.end)
+    bend = float(position[rows].mean()) if rows.any() else 0.0
+    return SpineTurn("mix", turn.duration_s, turn.turned_deg, turn.radius_m, bend, turn.fell)
+
+
+def judge_balance(track: Track, scene: Scene, forces: tuple[Array, Array], leg: str) -> Balance:
+    """From shortly after the lift on. `forces`: times (n,) [s] and vertical forces (n, 4) [N] on the feet."""
+    up = scene.begin + SHIFT_DURATION + LIFT_DURATION + 0.1
+    before, during = track.between(scene.begin - _SETTLED_S, scene.begin), track.between(up, scene.end)
+    time, force = forces
+    rows = (time >= up) & (time <= scene.end)
+    if not rows.any():
+        raise RecordingError(f"the recording has no foot forces between {up:.1f} s and {scene.end:.1f} s")
+    share = float((force[rows, LEGS.index(leg)] > LOADED_N).mean())
+    tilt = math.degrees(float(during.tilt.max()))
+    return Balance(
+        leg=leg,
+        compensation=True,
+        passed=share <= LARGEST_LOADED_SHARE and tilt < LARGEST_TILT_DEG,
+        foot_forces_n=tuple(float(value) for value in force[rows].mean(axis=0)),
+        loaded_share=share,
+        pitch_deg=math.degrees(float(during.roll_pitch_yaw[:, 1].mean() - before.roll_pitch_yaw[:, 1].mean())),
+        tilt_peak_deg=tilt,
+    )
+
+
+def read_spine(recording: Recording, start: int) -> tuple[Array, Array]:
+    """Times [s] since the demo's start and measured positions [rad] of the servo spine_lateral."""
+    topic = recording.topic_ending("servo_states")
+    data = recording.read([topic])[topic]
+    return np.asarray((data.stamp - start) * 1e-9, dtype=np.float64), data.by_name("position", ["spine_lateral"])[:, 0]
+
+
+def read_foot_forces(recording: Recording, start: int) -> tuple[Array, Array]:
+    """Times (n,) [s] since the demo's start and vertical forces (n, 4) [N] on the feet, from the ground truth."""
+    topic = recording.topic_ending("truth/foot_forces")
+    data = recording.read([topic])[topic]
+    return np.asarray((data.stamp - start) * 1e-9, dtype=np.float64), np.asarray(data["force.z"], dtype=np.float64)
+
+
 def sitting_pitch(track: Track, scene: Scene) -> float:
     """By how much sitting lifts the nose [rad]."""
     before, seated = track.between(scene.begin - _SETTLED_S, scene.begin), track.between(scene.end - 0.5, scene.end)
@@ -203,7 +287,13 @@ def _simulation_reports(recording: Recording) -> list[tuple[int, dict[str, str]]
 
 
 def complaints(
-    walks: Sequence[Walk], turns: Sequence[Turn], nose_lift: float, plan: Plan, no_slip_speed: dict[str, float]
+    walks: Sequence[Walk],
+    turns: Sequence[Turn],
+    spine_turn: SpineTurn,
+    balance: Balance,
+    nose_lift: float,
+    plan: Plan,
+    no_slip_speed: dict[str, float],
 ) -> list[str]:
     """Why the demo did not pass, in words; empty when it did.
 
@@ -229,6 +319,18 @@ def complaints(
             found.append(f"turn {turn.direction}: the mouse fell")
         if toward < LEAST_TURN_DEG:
             found.append(f"turn {turn.direction}: {toward:.0f} deg, at least {LEAST_TURN_DEG:.0f} wanted")
+    if spine_turn.fell:
+        found.append("turn with the spine: the mouse fell")
+    if spine_turn.turned_deg < LEAST_TURN_DEG or spine_turn.spine_rad < LEAST_BEND_RAD:
+        found.append(
+            f"turn with the spine: {spine_turn.turned_deg:.0f} deg, spine servo at {spine_turn.spine_rad:.2f} rad, "
+            f"at least {LEAST_TURN_DEG:.0f} deg and {LEAST_BEND_RAD} rad wanted"
+        )
+    if not balance.passed:
+        found.append(
+            f"balance, {balance.leg.replace('_', ' ')} lifted: its foot carried something for "
+            f"{balance.loaded_share:.0%} of the time, the mouse tilted by {balance.tilt_peak_deg:.0f} deg"
+        )
     if math.degrees(nose_lift) < LEAST_SITTING_PITCH_DEG:
         found.append(f"sit: the nose rose by {math.degrees(nose_lift):.1f} deg, {LEAST_SITTING_PITCH_DEG:.0f} wanted")
     if {walk.gait for walk in walks} != {scene.gait for scene in plan.scenes if scene.kind == "walk"}:

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from nermo_bringup.demo.evaluation import Track
-from nermo_bringup.demo.plan import Plan, Scene
+from nermo_bringup.demo.plan import LIFTED, Plan, Scene
 from nermo_bringup.recording.reader import Recording
 from nermo_description.parameters import LEGS, RobotParameters
 
@@ -47,6 +47,23 @@ def draw_orientation(track: Track, plan: Plan, path: Path) -> None:
             axes.axvspan(scene.begin, scene.end, color="C1", alpha=0.1)
     rows[0].set_title("Orientation of base_link; shaded: walking and turning")
     rows[-1].set_xlabel("time [s]")
+    figure.savefig(path, dpi=120)
+
+
+def draw_balance(forces: tuple[Any, Any], plan: Plan, path: Path) -> None:
+    """The load on each foot while a leg is lifted; times [s] since the demo's start, vertical forces (n, 4) [N]."""
+    (scene,) = (scene for scene in plan.scenes if scene.kind == "balance")
+    time, force = forces
+    rows = (time >= scene.begin - 1.0) & (time <= scene.end + 1.0)
+    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
+    axes = figure.subplots()
+    for leg, name in enumerate(LEGS):
+        label = f"{name.replace('_', ' ')}{' (lifted)' if name == LIFTED else ''}"
+        axes.plot(time[rows], force[rows, leg], label=label, linewidth=2.0 if name == LIFTED else 1.0)
+    axes.axvspan(scene.begin, scene.end, color="C1", alpha=0.1)
+    axes.set(xlabel="time [s]", ylabel="force [N]", title="Balance test: the spine bends, then a leg is lifted")
+    axes.grid(alpha=0.3)
+    axes.legend()
     figure.savefig(path, dpi=120)
 
 
@@ -135,7 +152,7 @@ def _gait(axes: Axes, time: Any, contact: Any) -> None:
 
 
 def _moving(plan: Plan) -> Sequence[Scene]:
-    return [scene for scene in plan.scenes if scene.kind in ("walk", "turn_left", "turn_right")]
+    return [scene for scene in plan.scenes if scene.kind in ("walk", "turn_left", "turn_right", "turn_spine")]
 
 
 def _name(scene: Scene) -> str:
