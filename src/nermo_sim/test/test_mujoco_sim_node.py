@@ -54,7 +54,8 @@ def test_publishes_all_sensors_at_their_rates_and_ends_cleanly(graph: Graph) -> 
         assert {late - early for early, late in itertools.pairwise(stamps)} == {period}, topic
     assert heard["imu/data_raw"][0].header.frame_id == "mouse/imu_link"
     assert heard["truth/odom"][0].child_frame_id == "mouse/base_link"
-    assert heard["imu/data_raw"][0].orientation_covariance[0] == -1.0
+    for covariance in ("orientation", "angular_velocity", "linear_acceleration"):
+        assert not any(getattr(heard["imu/data_raw"][0], f"{covariance}_covariance"))  # Imu.msg: unknown, but measured
     servos, joints = heard["servo_states"][-1], heard["joint_states"][-1]
     assert len(servos.name) == len(servos.position) == len(servos.velocity) == len(servos.torque) == len(servos.current)
     assert "front_left_knee_joint" in joints.name
@@ -90,6 +91,21 @@ def test_unusable_servo_command_is_refused_and_said(graph: Graph, changes: dict,
     assert states[-1].position == pytest.approx(before.position, abs=0.1)
     _, output = graph.end(process)
     assert reason in output
+
+
+def test_a_spine_command_beyond_the_range_is_held_and_said(graph: Graph) -> None:
+    states = graph.hear(ServoStates, "servo_states")
+    process = graph.start(real_time_factor=0.5)
+    graph.until(lambda: states, "the simulation runs")
+    spine = list(states[-1].name).index("spine_lateral")
+    before = states[-1]
+    positions = list(before.position)
+    positions[spine] = 2.0
+    graph.command(before, position=positions)
+    graph.until(lambda: nanoseconds(states[-1]) > nanoseconds(before) + 20 * PERIOD, "the simulation goes on")
+    assert max(state.position[spine] for state in states) < 1.05
+    _, output = graph.end(process)
+    assert "spine_lateral = 2.000 rad is held to its range, -1 to 1 rad" in output
 
 
 def test_repeated_and_stale_commands_are_refused(graph: Graph) -> None:

@@ -146,6 +146,8 @@ class MujocoSim(Node):
         self._pacer = Pacer(self._twin.period_ns, parameters.real_time_factor)
         self._patience = Patience(parameters.patience)
         self._door = ServoCommandDoor(self._twin.layout.servos, self._silence.hold_after)
+        servos = self._twin.robot.servos
+        self._ranges = [(name, servos[name].lower, servos[name].upper) for name in self._twin.layout.servos]
         self._paused = False
         self._steps_left = 0
         self._step_done: Future | None = None
@@ -264,6 +266,7 @@ class MujocoSim(Node):
                 f"servo command refused: {error}", throttle_duration_sec=1.0, throttle_time_source_type=self._wall
             )
             return
+        self._say_beyond(self._pending)
         if stamp in self._published_at:
             self._age.add(arrived - self._published_at[stamp])
         if self._tick_wall != 0:
@@ -271,6 +274,16 @@ class MujocoSim(Node):
                 self._step_if_answered()
             else:
                 self._advance()
+
+    def _say_beyond(self, positions: list[float]) -> None:
+        """MuJoCo holds each servo to its range; whoever asked for more is told."""
+        for position, (name, lower, upper) in zip(positions, self._ranges, strict=True):
+            if not lower <= position <= upper:
+                self.get_logger().warning(
+                    f"servo command: {name} = {position:.3f} rad is held to its range, {lower:g} to {upper:g} rad",
+                    throttle_duration_sec=1.0,
+                    throttle_time_source_type=self._wall,
+                )
 
     # Services
 

@@ -24,9 +24,6 @@ from nermo_sensors.parameters import tactile_of_robot
 from nermo_sim.sensor_data import SensorData
 from nermo_sim.twin import Twin
 
-UNKNOWN = -1.0
-"""First element of a covariance that is not known (REP-145)."""
-
 
 @dataclass(frozen=True, slots=True)
 class _Topic:
@@ -145,14 +142,9 @@ def _odometry_message(frame_prefix: str) -> Odometry:
 
 
 def _imu_message(frame_prefix: str) -> Imu:
+    # All covariances stay zero, which Imu.msg has for "unknown"; -1 would say that there is no such measurement.
     message = Imu()
     message.header.frame_id = f"{frame_prefix}imu_link"
-    for covariance in (
-        message.orientation_covariance,
-        message.angular_velocity_covariance,
-        message.linear_acceleration_covariance,
-    ):
-        covariance[0] = UNKNOWN
     return message
 
 
