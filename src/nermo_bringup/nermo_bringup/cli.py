@@ -186,6 +186,8 @@ def _root() -> Path:
 
 def main() -> None:
     """Runs the command. A failure ends with one sentence on stderr and exit status 1, wrong usage with 2."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _end)
     try:
         app(prog_name="nermo")
     except CommandError as error:
@@ -196,6 +198,11 @@ def main() -> None:
             traceback.print_exc()
         print(f"nermo: {_sentence(error)}", file=sys.stderr)
         sys.exit(1)
+
+
+def _end(number: int, frame: object) -> None:
+    """Ends the command such that whatever it started is ended too."""
+    sys.exit(128 + number)
 
 
 def _sentence(error: Exception) -> str:

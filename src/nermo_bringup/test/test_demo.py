@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -218,9 +221,33 @@ def test_the_demo_walks_the_whole_graph_and_leaves_nothing_running(tmp_path: Pat
     assert {"p50", "p99", "max"} == set(facts["graph"]["command_age_ms"])
     assert facts["graph"]["ticks_missed"] == 0
     assert all(Path(path).stat().st_size > 0 for path in facts["pictures"])
+    assert not processes_with(out)
+
+
+@pytest.mark.timeout(200)
+def test_a_demo_that_is_terminated_leaves_nothing_running(tmp_path: Path) -> None:
+    out = tmp_path / "demo"
+    demo = subprocess.Popen(
+        [sys.executable, "-m", "nermo_bringup", "demo", "--quick", "--no-video", "--out", str(out)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    deadline = time.monotonic() + 90.0
+    while len(processes_with(out)) < 3:  # the demo, the launch, a node
+        assert demo.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    demo.terminate()
+    assert demo.wait(90.0) == 128 + signal.SIGTERM
+    assert not processes_with(out)
+
+
+def processes_with(path: Path) -> list[bytes]:
+    """Command lines of the processes that name a path."""
+    found = []
     for process in Path("/proc").glob("[0-9]*"):
-        try:
+        with contextlib.suppress(OSError):
             words = (process / "cmdline").read_bytes()
-        except OSError:
-            continue
-        assert os.fsencode(out) not in words, words
+            if os.fsencode(path) in words:
+                found.append(words)
+    return found
