@@ -145,7 +145,7 @@ def test_a_search_that_was_killed_goes_on_to_the_same_end_and_its_set_can_be_loa
         "--seed",
         "5",
         "--frequency",
-        "3.0",
+        "1.2",
         "--json",
         str(tmp_path / "found.json"),
     ]

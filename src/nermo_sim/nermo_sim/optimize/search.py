@@ -53,7 +53,7 @@ class Budget:
         """At most."""
         searched = self.population * self.generations + self.front_population * self.front_generations
         judged = self.finalists * self.final_trials + 2 * len(UNSEEN_GROUNDS) * self.unseen_trials
-        return (searched + 1) * self.trials + judged + self.final_trials
+        return (searched + 1) * self.trials + judged
 
 
 QUICK = Budget(4, 2, 4, 2, trials=1, finalists=1, final_trials=1, unseen_trials=1)
@@ -136,7 +136,8 @@ class Search:
             return np.array(values)[:, None]
 
         algorithm = CMAES(x0=start, sigma=FIRST_STEP, popsize=budget.population, normalize=False, bipop=False)
-        _run(algorithm, costs, len(self._space), 1, budget.generations, self._seed)
+        # What pymoo counts as the first generation is the start alone.
+        _run(algorithm, costs, len(self._space), 1, budget.generations + 1, self._seed)
         return history
 
     def _spread(self, start: Array, budget: Budget, trials: Sequence[Trial]) -> None:
@@ -158,8 +159,8 @@ class Search:
     def _choose(self, budget: Budget) -> Candidate:
         ranked = sorted(self._tried.values(), key=self._cost)[: budget.finalists]
         sets = [one.parameters for one in ranked]
-        again = self._evaluator.evaluate([self._base, *sets], self._trials("final", budget.final_trials))
-        costs = [self._objective(metrics, again[0]) for metrics in again[1:]]
+        again = self._evaluator.evaluate(sets, self._trials("final", budget.final_trials))
+        costs = [self._objective(metrics, self._baseline) for metrics in again]
         return ranked[int(np.argmin(costs))]
 
     def _judge(self, best: Candidate, budget: Budget) -> list[dict[str, Any]]:
@@ -174,7 +175,7 @@ class Search:
                     "baseline": before,
                     "best": after,
                     "gain": gain(after, before),
-                    "cost": self._objective(after, before),
+                    "cost": self._objective(after, before) if before["speed_m_s"] > 0.0 else math.nan,
                 }
             )
         return rows
