@@ -76,10 +76,16 @@ def bring_up(robot: str, target: str, record: str, words: Sequence[str]) -> int:
     if record and Path(record).exists():
         raise CommandError(f"--record {record} exists already; name a new folder.", status=2)
     arguments = {"robot": robot, "target": target, **({"record": str(Path(record).absolute())} if record else {})}
-    if target == "link" and read_arguments(words).get("port", "twin") == "twin":
+    arguments |= read_arguments(words)
+    if target == "link" and arguments.get("port", "twin") == "twin":
         _make_missing_keys()
-    file = find_launch_file("nermo_bringup", MAIN_FILE)
-    return launch(load(file, {**arguments, **read_arguments(words)}).nodes)
+    nodes = load(find_launch_file("nermo_bringup", MAIN_FILE), arguments).nodes
+    print(
+        "Drive it with a gamepad, or from a second terminal: nermo run nermo_bringup keyboard_teleop --ros-args "
+        f"-r __ns:=/{arguments.get('namespace', 'nermo')}\nCtrl-C ends all.",
+        flush=True,
+    )
+    return launch(nodes)
 
 
 def _make_missing_keys() -> None:
