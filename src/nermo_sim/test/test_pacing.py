@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nermo_sim.battery import Battery, BatteryModel
 from nermo_sim.pacing import FIRST_RESPITE, LARGEST_DEBT, Latency, Pacer, Patience
 
 PERIOD = 5_000_000
@@ -84,14 +83,3 @@ def test_percentiles_agree_with_numpy(delays_ms: list[float]) -> None:
 
 def test_no_delay_has_no_percentile() -> None:
     assert np.isnan(Latency().percentile_ms(50.0))
-
-
-def test_battery_runs_down_by_what_is_drawn() -> None:
-    battery = Battery(BatteryModel(idle_power=0.0, efficiency=1.0, resistance=0.0, full=7.4, empty=7.4))
-    battery.draw(7.4, 1800.0)
-    assert battery.current == pytest.approx(1.0)
-    assert battery.charge == 0.0
-    fresh = Battery()
-    fresh.draw(0.0, 60.0)
-    assert 0.0 < fresh.charge < 1.0
-    assert fresh.model.empty < fresh.voltage < fresh.model.full
