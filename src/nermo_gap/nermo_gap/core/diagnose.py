@@ -210,6 +210,7 @@ def _gap(selector: Selector, selection: Selection, nominal: Array) -> dict[str, 
         "shrink": float(1.0 - after[0] / before[0]),
         "ci90": _interval(1.0 - after[1:] / before[1:]),
         "nuisances_only": float(reference[0]),
+        "typical": {"before": selector.typical(nominal), "after": selector.typical(selection.best.fit.held)},
         "by_channel": by_channel,
     }
 

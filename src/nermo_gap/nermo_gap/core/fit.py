@@ -1,10 +1,10 @@
 """Fitting a hypothesis: its effects together with all nuisances under their priors.
 
-The data term is that of residuals whose size is unknown but not below the noise floor: for each channel
-n W log(mean over windows of sqrt(1 + s_w)), with s_w the mean square of the whitened residual in window w, W the number
-of windows and n the effective number of independent samples in one. It is scale-free (a channel whose noise floor is a
-thousandth of its gap does not drown the others), bounded below by the noise floor, and not decided by a few wild
-windows.
+The data term is that of residuals whose size is unknown in every window but not below the noise floor: for each channel
+the sum over windows of n log sqrt(1 + s_w), with s_w the mean square of the whitened residual in window w and n the
+effective number of independent samples in one. It is scale-free (a channel whose noise floor is a thousandth of its gap
+does not drown the others), bounded below by the noise floor, and not decided by a few windows from which the robot
+would have fallen either way had it been started a little differently.
 """
 
 from __future__ import annotations
@@ -157,18 +157,14 @@ class Fitter:
     def data_cost(self, square: Array, select: Ints | None = None) -> Array:
         """The data term (...) of mean squares (..., nw, nl)."""
         recorded = self.recorded if select is None else self.recorded[select]
-        windows = np.maximum(recorded.sum(axis=0), 1)
-        amplitude = np.where(recorded, np.sqrt(1.0 + square), 0.0).sum(axis=-2) / windows
-        cost: Array = (self.independent * windows * np.log(np.maximum(amplitude, 1.0))).sum(axis=-1)
+        cost: Array = (0.5 * self.independent * np.where(recorded, np.log1p(square), 0.0)).sum(axis=(-2, -1))
         return cost
 
     def weights(self, square: Array, select: Ints | None = None) -> Array:
         """Weight (nw, nl) of a squared sample, such that the weighted sum of squares has the data term's slope."""
         recorded = self.recorded if select is None else self.recorded[select]
         count = self.count if select is None else self.count[select]
-        root = np.sqrt(1.0 + square)
-        amplitude = np.where(recorded, root, 0.0).sum(axis=0) / np.maximum(recorded.sum(axis=0), 1)
-        weight: Array = np.where(recorded, self.independent / (count * amplitude * root), 0.0)
+        weight: Array = np.where(recorded, self.independent / (count * (1.0 + square)), 0.0)
         return weight
 
     def estimate_independent(self, residual: Array) -> None:

@@ -128,9 +128,9 @@ class Selector:
         square = np.nan_to_num(fit.held)
         weight = self.draws[:, :, None] * self.fitter.recorded[None]
         total = np.maximum(weight.sum(axis=1), 1.0)
-        amplitude = (weight * np.sqrt(1.0 + square)[None]).sum(axis=1) / total
+        mean = (weight * np.log1p(square)[None]).sum(axis=1) / total
         n = self.fitter.independent * self.fitter.recorded[self.draws[0] > 0].sum(axis=0)
-        data = (n * np.log(np.maximum(amplitude, 1.0))).sum(axis=1)
+        data = 0.5 * (n * mean).sum(axis=1)
         result: Array = data + fit.prior + PER_PARAMETER * fit.hypothesis.size
         return result
 
@@ -140,6 +140,12 @@ class Selector:
         mean = (weight * np.nan_to_num(square)[None]).sum(axis=1) / np.maximum(weight.sum(axis=1), 1.0)
         result: Array = np.sqrt(mean.mean(axis=1))
         return result
+
+    def typical(self, square: Array) -> float:
+        """Gap of a typical window, from (nw, nl): the geometric mean over them, which few wild ones do not move."""
+        weight = self.draws[0][:, None] * self.fitter.recorded
+        mean = (weight * np.log1p(np.nan_to_num(square))).sum(axis=0) / np.maximum(weight.sum(axis=0), 1.0)
+        return float(np.sqrt(np.expm1(mean).mean()))
 
     def scored(self, fit: Fit) -> Scored:
         """Score a cross-validated fit."""
@@ -255,7 +261,9 @@ class Selector:
         """Whether the larger hypothesis is worth having."""
         gain, low, _ = self.difference(without.fit, with_.fit)
         strain = without.fit.prior - with_.fit.prior
-        relevant = with_.gap < (1.0 - RELEVANT) * without.gap or strain > EVIDENCE
+        left = 1.0 - RELEVANT
+        relevant = with_.gap < left * without.gap or strain > EVIDENCE
+        relevant |= self.typical(with_.fit.held) < left * self.typical(without.fit.held)
         return gain > EVIDENCE + np.log(max(looked_at, 1)) and low > 0.0 and relevant
 
     def _add(self, result: Selection, screened: Sequence[Screened]) -> bool:
