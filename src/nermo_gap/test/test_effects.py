@@ -61,7 +61,8 @@ def test_effects_are_neutral_at_neutral_and_act_elsewhere(name: str) -> None:
             np.testing.assert_allclose(neutral, outputs[0], atol=2e-4 * scale.max(), err_msg=repr(effect))
         if np.abs(acting - outputs[0]).max() < 1e-7:
             idle.append(repr(effect))
-    # Some motions do not excite some sites, and the place of a cart on its rail is no matter.
+    # Some motions do not excite some sites, and the place of a cart on its rail is no matter, nor is that of a trunk on
+    # flat ground (x and y, the first two of its position).
     quiet = (
         "com_shift",
         "joint_range",

@@ -7,12 +7,11 @@ import socket
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import yaml
+from emulated import until
 
 from nermo_description.robots import load_robot
 from nermo_hw.device.emulator import Emulator
@@ -29,13 +28,6 @@ PATIENCE_S = 60.0
 ROBOT = load_robot("nermo_lite")
 SERVOS = list(ROBOT.servos)
 WITHOUT_ROS = "import sys; sys.modules['rclpy'] = None; from nermo_hw.robot_end import main; sys.exit(main())"
-
-
-def wait_until(condition: Callable[[], object], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, f"waited in vain until {what}"
-        time.sleep(0.01)
 
 
 class Workstation:
@@ -108,8 +100,8 @@ class Rig:
         return bool(self.emulator.device.state()["energised"])
 
     def release(self) -> None:
-        wait_until(lambda: self.workstation.release() == "", "the release is done")
-        wait_until(lambda: self.state() == "follow" and self.energised(), "it follows")
+        until(lambda: self.workstation.release() == "", "the release is done")
+        until(lambda: self.state() == "follow" and self.energised(), "it follows")
 
     def tail(self) -> float:
         return float(self.emulator.device.plant.sensors().positions[SERVOS.index("tail")])

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from emulated import until
 
 from nermo_description.parameter_files import ParameterError
 from nermo_hw.link import stamp
@@ -25,13 +26,6 @@ from nermo_hw.link.session import LinkError, zenoh_settings
 
 PATIENCE_S = 60.0
 MS = 1_000_000
-
-
-def wait_until(condition: Callable[[], object], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, f"waited in vain until {what}"
-        time.sleep(0.01)
 
 
 def free_port() -> int:
@@ -74,7 +68,7 @@ class Ends:
     def __enter__(self) -> Ends:
         self.robot.open()
         self.workstation.open()
-        wait_until(lambda: self.workstation.link_clock.offset is not None, "the clocks are known")
+        until(lambda: self.workstation.link_clock.offset is not None, "the clocks are known")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -94,14 +88,14 @@ def encrypted(request: pytest.FixtureRequest, keys: Path) -> Iterator[Ends]:
 
 def test_messages_cross_encrypted_and_their_stamps_change_clocks(encrypted: Ends) -> None:
     ends = encrypted
-    wait_until(lambda: ends.workstation.send("servo_command", ends.command(ends.clock())) and ends.at_robot, "one came")
+    until(lambda: ends.workstation.send("servo_command", ends.command(ends.clock())) and ends.at_robot, "one came")
     name, payload = ends.at_robot[-1]
     at, names, positions = decode_command(payload)
     assert (name, list(names), list(positions)) == ("servo_command", ["tail"], [0.0])
     assert abs(at - (ends.clock() + 86_400_000 * MS)) < 10_000 * MS
 
     measured = ends.clock() + 86_400_000 * MS
-    wait_until(lambda: ends.robot.send("servo_states", ends.command(measured)) and ends.at_workstation, "data came")
+    until(lambda: ends.robot.send("servo_states", ends.command(measured)) and ends.at_workstation, "data came")
     assert abs(stamp.read(ends.at_workstation[0][1]) - (measured - 86_400_000 * MS)) < 1000 * MS
     assert "workstation" in str(ends.robot.status()["peers"])
     assert abs(float(str(ends.workstation.status()["clock_offset_ms"])) - 86_400_000) < 1000
@@ -110,18 +104,18 @@ def test_messages_cross_encrypted_and_their_stamps_change_clocks(encrypted: Ends
 def test_an_event_is_a_state_that_comes_once_per_change_however_often_it_is_repeated(encrypted: Ends) -> None:
     ends = encrypted
     ends.workstation.send("emergency_stop", encode_bool(True))
-    wait_until(lambda: ends.at_robot, "it came")
+    until(lambda: ends.at_robot, "it came")
     sent = ends.workstation.counters["sent"]
-    wait_until(lambda: ends.workstation.counters["sent"] > sent + 3, "it was repeated")
+    until(lambda: ends.workstation.counters["sent"] > sent + 3, "it was repeated")
     ends.workstation.send("emergency_stop", encode_bool(False))
-    wait_until(lambda: len(ends.at_robot) > 1, "the change came")
+    until(lambda: len(ends.at_robot) > 1, "the change came")
     assert ends.at_robot == [("emergency_stop", encode_bool(True)), ("emergency_stop", encode_bool(False))]
 
 
 def test_the_release_is_asked_for_and_answered_in_words(encrypted: Ends) -> None:
     answers = ["fallen (tilted by 1.5 rad)", ""]
     encrypted.robot.answer_release(lambda: answers.pop(0))
-    wait_until(lambda: _asked(encrypted) is not None, "the service is known")
+    until(lambda: _asked(encrypted) is not None, "the service is known")
     assert answers == [] or encrypted.workstation.ask_release() == ""
 
 
@@ -148,10 +142,10 @@ def test_the_workstation_comes_back_when_the_robot_does(keys: Path) -> None:
     settings = config(keys, f"quic/127.0.0.1:{free_port()}?rel=0", lease=0.5)
     with Ends(settings) as ends:
         ends.robot.close()
-        wait_until(lambda: not ends.workstation.connected, "the loss is noticed")
+        until(lambda: not ends.workstation.connected, "the loss is noticed")
         again = LinkEnd(settings, Side.ROBOT, lambda *_: None, ends.clock)
         with again:
-            wait_until(lambda: ends.workstation.connected and again.connected, "they found each other again")
+            until(lambda: ends.workstation.connected and again.connected, "they found each other again")
 
 
 DOOR = """

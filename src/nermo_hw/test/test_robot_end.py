@@ -8,7 +8,8 @@ import sys
 from collections.abc import Iterator
 
 import pytest
-from link_rig import PATIENCE_S, WITHOUT_ROS, Rig, wait_until
+from emulated import until
+from link_rig import PATIENCE_S, WITHOUT_ROS, Rig
 
 pytestmark = pytest.mark.ros  # one by one: watchdogs and time-outs of real processes do not go with a busy processor
 
@@ -17,7 +18,7 @@ pytestmark = pytest.mark.ros  # one by one: watchdogs and time-outs of real proc
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
     made = Rig(tmp_path_factory.mktemp("rig"))
     try:
-        wait_until(lambda: made.workstation.states > 10, "sensor data comes")
+        until(lambda: made.workstation.states > 10, "sensor data comes")
         yield made
     finally:
         made.close()
@@ -27,22 +28,22 @@ def test_it_is_limp_until_released_and_then_follows_the_commands(rig: Rig) -> No
     assert not rig.energised()
     rig.release()
     rig.workstation.tail = 0.5
-    wait_until(lambda: abs(rig.tail() - 0.5) < 0.01, "the tail is there")
+    until(lambda: abs(rig.tail() - 0.5) < 0.01, "the tail is there")
 
 
 def test_the_pad_stops_it_and_ends_the_stop(rig: Rig) -> None:
     rig.release()
     rig.workstation.stop(True)
-    wait_until(lambda: rig.state() == "limp" and not rig.energised(), "it is limp")
+    until(lambda: rig.state() == "limp" and not rig.energised(), "it is limp")
     assert rig.states()[-1]["causes"] == ["emergency_stop"]
     rig.workstation.stop(False)
-    wait_until(lambda: rig.state() == "follow" and rig.energised(), "it follows again")
+    until(lambda: rig.state() == "follow" and rig.energised(), "it follows again")
 
 
 def test_a_signal_stops_it_until_it_is_released(rig: Rig) -> None:
     rig.release()
     rig.process.send_signal(signal.SIGUSR1)
-    wait_until(lambda: rig.state() == "limp" and not rig.energised(), "it is limp")
+    until(lambda: rig.state() == "limp" and not rig.energised(), "it is limp")
     rig.release()
 
 
@@ -50,10 +51,10 @@ def test_silence_makes_it_hold_then_crouch_and_it_walks_on_by_itself(rig: Rig) -
     rig.release()
     before = len(rig.states())
     rig.workstation.walking = False
-    wait_until(lambda: rig.state() == "crouch", "it crouches")
+    until(lambda: rig.state() == "crouch", "it crouches")
     assert [entry["state"] for entry in rig.states()[before:]] == ["hold", "crouch"]
     rig.workstation.walking = True
-    wait_until(lambda: rig.state() == "follow", "it follows again")
+    until(lambda: rig.state() == "follow", "it follows again")
     assert rig.energised()
 
 
@@ -61,10 +62,10 @@ def test_a_killed_process_leaves_limp_servos_and_its_successor_waits_for_a_relea
     rig.release()
     rig.process.send_signal(signal.SIGKILL)
     rig.process.wait()
-    wait_until(lambda: not rig.energised(), "the device's watchdog has made the servos limp")
+    until(lambda: not rig.energised(), "the device's watchdog has made the servos limp")
     before = len(rig.states())
     rig.process = rig.start()
-    wait_until(lambda: len(rig.states()) > before, "the next one is there")
+    until(lambda: len(rig.states()) > before, "the next one is there")
     assert rig.state() == "limp"
     rig.release()
 

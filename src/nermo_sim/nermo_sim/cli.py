@@ -399,7 +399,7 @@ def run_bench(name: str, robot: str = "nermo_lite", quick: bool = False) -> dict
     if name == "loop":
         return bench_loop(settings)
     if name == "graph":
-        from nermo_sim.bench_graph import bench_graph
+        from nermo_sim.nodes.bench_graph import bench_graph
 
         return bench_graph(robot, duration=5.0 if quick else 20.0)
     if name == "sensors":
@@ -408,7 +408,7 @@ def run_bench(name: str, robot: str = "nermo_lite", quick: bool = False) -> dict
         return bench_sensors(quick=quick, pictures=Path("results/sensors"))
     if name == "loads":
         from nermo_sim.bench_loads import bench_loads
-        from nermo_sim.bench_loads_graph import bench_loads_graph
+        from nermo_sim.nodes.bench_loads_graph import bench_loads_graph
 
         duration = 6.0 if quick else 30.0
         alone, graph = bench_loads(robot, duration), bench_loads_graph(robot, duration)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from abc import ABC, abstractmethod
 from typing import Literal, Protocol
 
 from nermo_description.parameters import LegParameters
@@ -79,7 +80,7 @@ class UpperLegRouting:
         return 0.0, -2.0 * self._radius * length / (self._product * math.sin(knee))
 
 
-class _BodyRouting:
+class _BodyRouting(ABC):
     """What types 1 and 2 share: the tendon comes from the body, so the knee angle depends on the sweep, too."""
 
     def __init__(self, leg: LegParameters) -> None:
@@ -88,9 +89,9 @@ class _BodyRouting:
         self._length = leg.tendon_length
         self._radius = leg.pulley_radius
 
+    @abstractmethod
     def _direction(self, point: complex) -> complex:
         """Unit vector u of a tendon stretched from the body to `point`."""
-        raise NotImplementedError
 
     def _points(self, knee: float, sweep: float) -> tuple[complex, complex]:
         """Knee A and tendon attachment B."""

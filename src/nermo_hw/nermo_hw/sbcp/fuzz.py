@@ -41,6 +41,8 @@ class FuzzReport:
     wrong_checksums: int = 0
     """Frames accepted that do not stand in the stream, in this order and with a right checksum."""
     exceptions: int = 0
+    first_exception: str = ""
+    """What it was; empty without any."""
 
     @property
     def passed(self) -> bool:
@@ -126,8 +128,9 @@ def _judge(
             got += parser.feed(stream[position : position + step])
             position += step
         got += parser.flush()
-    except Exception:
+    except Exception as error:  # whatever the parser may raise is what is looked for
         report.exceptions += 1
+        report.first_exception = report.first_exception or repr(error)
         return
     taken: dict[int, int] = {}
     """Begin and end of each frame that was accepted, one after another in the stream."""

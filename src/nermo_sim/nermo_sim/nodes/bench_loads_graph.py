@@ -13,7 +13,7 @@ from nermo_interfaces.msg import FootForces, LegLoads
 from nermo_node.time import to_nanoseconds
 from nermo_sensors.bench.walk import LoadTrace, judge_walk
 from nermo_sensors.parameters import tactile_of_robot
-from nermo_sim.bench_graph import NODES, Probe, cpu_meters, started
+from nermo_sim.nodes.bench_graph import NODES, Probe, cpu_meters, started
 
 ESTIMATOR = {"leg_load_estimator": "nermo_sensors.nodes.leg_load_estimator"}
 
