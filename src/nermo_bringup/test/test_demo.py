@@ -25,6 +25,7 @@ from nermo_bringup.demo.evaluation import (
     judge_balance,
     judge_turn,
     judge_walk,
+    plan_start,
     read_health,
     sitting_pitch,
 )
@@ -200,6 +201,16 @@ def test_a_recording_without_ground_truth_is_no_verdict(tmp_path: Path) -> None:
         read_health(Recording(tmp_path / "walk"))
     with pytest.raises(RecordingError, match="no ground truth between"):
         track(1.0, 2.0, 0.1, 0.0, 0.0).between(100.0, 101.0)
+
+
+def test_the_start_of_the_plan_is_known_though_its_first_commands_were_lost(plan) -> None:
+    script, begin = file_script(CommandFile.model_validate(plan.command_file)), 5 * SECOND
+    time = np.arange(0, round(plan.duration * SECOND), SECOND // 20)
+    posture = np.array([command.posture if (command := script.control_at(int(t), 0)) else -1 for t in time])
+    for lost in (0, 14):
+        assert plan_start(begin + time[lost:], posture[lost:], plan) == begin
+    with pytest.raises(RecordingError, match="no command to walk"):
+        plan_start(time[:10], posture[:10], plan)
 
 
 @pytest.mark.slow

@@ -146,7 +146,7 @@ def _walk(settings: Settings, plan: Plan, out: Path, bag: Path, console: Console
 
 
 def _judge(recording: Recording, plan: Plan, gaits: GaitParameters) -> tuple[Outcome, evaluation.Track, int]:
-    track, start = evaluation.read_track(recording)
+    track, start = evaluation.read_track(recording, plan)
     walks, turns, nose_lift = [], [], 0.0
     spine, forces = evaluation.read_spine(recording, start), evaluation.read_foot_forces(recording, start)
     for scene in plan.scenes:

@@ -14,6 +14,7 @@ from nermo_bringup.demo.plan import Plan, Scene
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.reader import Recording, TopicData
 from nermo_control.lift import LIFT_DURATION, SHIFT_DURATION
+from nermo_control.types import Posture
 from nermo_description.parameters import LEGS
 
 Array = NDArray[np.float64]
@@ -137,16 +138,31 @@ class GraphHealth:
     """Simulated time over wall time since the first control command."""
 
 
-def read_track(recording: Recording) -> tuple[Track, int]:
-    """The ground truth of a demo, and the ROS time [ns] of its first command.
+def read_track(recording: Recording, plan: Plan) -> tuple[Track, int]:
+    """The ground truth of a demo, and the ROS time [ns] at which its plan began.
 
     Raises:
-        RecordingError: the recording lacks commands or ground truth.
+        RecordingError: the recording lacks ground truth, or a command to walk.
     """
     odometry_topic, command_topic = recording.topic_ending("truth/odom"), recording.topic_ending("control_command")
     data = recording.read([odometry_topic, command_topic])
-    start = int(data[command_topic].stamp.min())
+    start = plan_start(data[command_topic].stamp, data[command_topic]["posture"], plan)
     return _track(data[odometry_topic], start), start
+
+
+def plan_start(stamp: Array, posture: Array, plan: Plan) -> int:
+    """When the plan began [ns], from the times (n,) [ns] and postures (n,) of the commands that were recorded.
+
+    The first walk tells it, not the first command: what is played in the first moment may be lost, as a player and a
+    recorder that have just come up do not know each other yet.
+
+    Raises:
+        RecordingError: no command to walk is recorded.
+    """
+    walking = stamp[posture == Posture.WALK]
+    if len(walking) == 0:
+        raise RecordingError("no command to walk is recorded")
+    return int(walking.min()) - round(next(scene.begin for scene in plan.scenes if scene.kind == "walk") * 1e9)
 
 
 def _track(odometry: TopicData, start: int) -> Track:

@@ -68,7 +68,7 @@ def draw_balance(forces: tuple[Any, Any], plan: Plan, path: Path) -> None:
 
 
 def draw_gaits(recording: Recording, start: int, plan: Plan, path: Path) -> None:
-    """Which foot touches the ground when, for the end of each walk; `start` [ns] is the time of the first command."""
+    """Which foot touches the ground when, for the end of each walk; `start` [ns] is when the plan began."""
     topic = recording.topic_ending("truth/foot_forces")
     data = recording.read([topic])[topic]
     time, contact = (data.stamp - start) * 1e-9, data["contact"].astype(bool)
