@@ -150,7 +150,7 @@ def read_track(recording: Recording, plan: Plan) -> tuple[Track, int]:
     return _track(data[odometry_topic], start), start
 
 
-def plan_start(stamp: Array, posture: Array, plan: Plan) -> int:
+def plan_start(stamp: NDArray[np.int64], posture: NDArray[np.int64], plan: Plan) -> int:
     """When the plan began [ns], from the times (n,) [ns] and postures (n,) of the commands that were recorded.
 
     The first walk tells it, not the first command: what is played in the first moment may be lost, as a player and a
