@@ -9,7 +9,15 @@ setup(
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
     package_data={
-        package_name: ["py.typed", "robots/*.yaml", "scenes/*.xml", "mjcf/*.xml", "mjcf/*/*.xml", "meshes/*"]
+        package_name: [
+            "py.typed",
+            "robots/*.yaml",
+            "robots/*/*.yaml",
+            "scenes/*.xml",
+            "mjcf/*.xml",
+            "mjcf/*/*.xml",
+            "meshes/*",
+        ]
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),

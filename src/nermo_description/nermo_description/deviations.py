@@ -11,12 +11,12 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from nermo_description.parameters import Deviation, RobotParameters
+from nermo_description.parameters import Deviation, RobotDescription
 
 Values = dict[str, float]
 
 
-def enter_deviations(spec: mujoco.MjSpec, robot: RobotParameters) -> None:
+def enter_deviations(spec: mujoco.MjSpec, robot: RobotDescription) -> None:
     """Enters all deviations that are part of the body into a robot's model; those of the commands are the twin's.
 
     Raises ValueError for a site that the model has not.

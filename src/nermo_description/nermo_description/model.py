@@ -15,7 +15,10 @@ from nermo_description.blocks.leg import build_leg, knee_angle
 from nermo_description.blocks.spine import build_spine, hip_frame
 from nermo_description.blocks.tail import build_tail
 from nermo_description.deviations import enter_deviations
+from nermo_description.pantograph import PantographParameters
+from nermo_description.pantograph_model import build_pantograph_robot, set_pantograph_posture
 from nermo_description.parameters import LEGS, RobotParameters
+from nermo_description.robots import AnyRobot
 
 SCENES = Path(str(files("nermo_description"))) / "scenes"
 SETTLING_TIME = 2.0
@@ -27,7 +30,7 @@ def scene_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in SCENES.glob("*.xml")))
 
 
-def build_spec(robot: RobotParameters, scene: str | Path = "flat") -> mujoco.MjSpec:
+def build_spec(robot: AnyRobot, scene: str | Path = "flat") -> mujoco.MjSpec:
     """The robot in a scene, by name or from an MJCF file, with keyframes; elements of the scene are named `scene_...`.
 
     Raises ValueError for a scene that does not exist.
@@ -40,13 +43,17 @@ def build_spec(robot: RobotParameters, scene: str | Path = "flat") -> mujoco.MjS
     return spec
 
 
-def build_model(robot: RobotParameters, scene: str | Path = "flat") -> mujoco.MjModel:
+def build_model(robot: AnyRobot, scene: str | Path = "flat") -> mujoco.MjModel:
     """`build_spec`, compiled."""
     return build_spec(robot, scene).compile()
 
 
-def build_robot(robot: RobotParameters) -> mujoco.MjSpec:
+def build_robot(robot: AnyRobot) -> mujoco.MjSpec:
     """The robot alone, its tendons strung and its torsos balanced."""
+    if isinstance(robot, PantographParameters):
+        spec = build_pantograph_robot(robot)
+        enter_deviations(spec, robot)
+        return spec
     spec = _assemble(robot)
     draft = spec.compile()
     _string_tendons(spec, draft, robot)
@@ -55,8 +62,11 @@ def build_robot(robot: RobotParameters) -> mujoco.MjSpec:
     return spec
 
 
-def set_posture(model: mujoco.MjModel, data: mujoco.MjData, robot: RobotParameters, name: str) -> None:
+def set_posture(model: mujoco.MjModel, data: mujoco.MjData, robot: AnyRobot, name: str) -> None:
     """Puts legs, pulleys and head where the servos of a posture want them, spine and tail straight; the body stays."""
+    if isinstance(robot, PantographParameters):
+        set_pantograph_posture(data, robot, name)
+        return
     angles = robot.posture(name)
     for leg in LEGS:
         parameters = robot.front_leg if leg.startswith("front") else robot.rear_leg
@@ -158,7 +168,7 @@ def _group(model: mujoco.MjModel, body: int) -> str:
     return "world"
 
 
-def _write_keyframes(spec: mujoco.MjSpec, robot: RobotParameters) -> None:
+def _write_keyframes(spec: mujoco.MjSpec, robot: AnyRobot) -> None:
     """Settles every posture on the scene's ground."""
     model = spec.compile()
     for key in spec.keys:
@@ -168,7 +178,7 @@ def _write_keyframes(spec: mujoco.MjSpec, robot: RobotParameters) -> None:
             key.act = data.act.copy()
 
 
-def settle(model: mujoco.MjModel, robot: RobotParameters, posture: str) -> mujoco.MjData:
+def settle(model: mujoco.MjModel, robot: AnyRobot, posture: str) -> mujoco.MjData:
     """The robot at rest in a posture: set down at the origin and left alone for SETTLING_TIME."""
     data = mujoco.MjData(model)
     set_posture(model, data, robot, posture)

@@ -293,34 +293,21 @@ class Deviation(Parameters):
         return self
 
 
-class RobotParameters(Parameters):
-    """Everything that is known of one robot."""
+class RobotDescription(Parameters):
+    """What every robot has: its servos, their postures, its contact with the world."""
 
     name: str
-    material: Literal["PA12", "PETG"]
-    """What the skeleton is printed from."""
-    stiffness_scale: Positive = 1.0
-    """Factor on the stiffness of all compliant joints: for another material, the ratio of the moduli."""
     servo_type: ServoType
     """What every servo gets that does not say otherwise."""
     servos: dict[str, ServoParameters]
     """In the order of SERVOS, in which servo positions stand in arrays."""
     postures: dict[str, dict[str, Finite]]
     """Servo positions [rad] of `stand`, `sit` and `crouch`; a servo that is not named is at its neutral position."""
-    front_leg: LegParameters
-    rear_leg: LegParameters
-    front_leg_dynamics: LegDynamics
-    rear_leg_dynamics: LegDynamics
     hip_positions: tuple[Vector3, Vector3, Vector3, Vector3]
     """Hip or shoulder axes in base_link [m], REP-103, in the order of LEGS."""
-    spine: SpineParameters
-    spine_dynamics: SpineDynamics
-    tail: TailParameters
-    head: HeadParameters
-    masses: MassParameters
     contact: ContactParameters
     deviations: tuple[Deviation, ...] = ()
-    """In what this very mouse differs from all that stands above."""
+    """In what this very robot differs from all that stands beside it."""
 
     @model_validator(mode="before")
     @classmethod
@@ -336,15 +323,47 @@ class RobotParameters(Parameters):
                 return {**data, "servos": {name: {**common, **own[name]} for name in order}}
         return data
 
-    @property
-    def front_mass(self) -> float:
-        """m_fr: front torso with front legs and head [kg]; the spine's vertebrae count to neither side."""
-        return self.masses.total - self.masses.rear - self.spine_dynamics.mass
-
     def posture(self, name: str) -> dict[str, float]:
         """Servo positions [rad] of a posture, every servo in order. Raises KeyError for a name that does not exist."""
         named = self.postures[name]
         return {servo: named.get(servo, parameters.neutral) for servo, parameters in self.servos.items()}
+
+    def check_postures(self) -> None:
+        """Raises ValueError for a posture that is missing, or that the servos cannot take."""
+        if missing := sorted({"stand", "sit", "crouch"} - set(self.postures)):
+            raise ValueError(f"postures: missing {', '.join(missing)}")
+        for posture, angles in self.postures.items():
+            for servo, angle in angles.items():
+                if servo not in self.servos:
+                    raise ValueError(f"postures.{posture}: unknown servo {servo}")
+                limits = self.servos[servo]
+                if not limits.lower <= angle <= limits.upper:
+                    raise ValueError(
+                        f"postures.{posture}.{servo}: {angle} is outside the servo's [{limits.lower}, {limits.upper}]"
+                    )
+
+
+class RobotParameters(RobotDescription):
+    """Everything that is known of one mouse."""
+
+    material: Literal["PA12", "PETG"]
+    """What the skeleton is printed from."""
+    stiffness_scale: Positive = 1.0
+    """Factor on the stiffness of all compliant joints: for another material, the ratio of the moduli."""
+    front_leg: LegParameters
+    rear_leg: LegParameters
+    front_leg_dynamics: LegDynamics
+    rear_leg_dynamics: LegDynamics
+    spine: SpineParameters
+    spine_dynamics: SpineDynamics
+    tail: TailParameters
+    head: HeadParameters
+    masses: MassParameters
+
+    @property
+    def front_mass(self) -> float:
+        """m_fr: front torso with front legs and head [kg]; the spine's vertebrae count to neither side."""
+        return self.masses.total - self.masses.rear - self.spine_dynamics.mass
 
     @model_validator(mode="after")
     def _consistent(self) -> RobotParameters:
@@ -357,17 +376,7 @@ class RobotParameters(Parameters):
             raise ValueError("spine_dynamics.vertical and the servo spine_vertical go together")
         if (self.spine_dynamics.lumbar_tendon_offset is None) != (self.spine_dynamics.vertical is None):
             raise ValueError("spine_dynamics.lumbar_tendon_offset and spine_dynamics.vertical go together")
-        if missing := sorted({"stand", "sit", "crouch"} - set(self.postures)):
-            raise ValueError(f"postures: missing {', '.join(missing)}")
-        for posture, angles in self.postures.items():
-            for servo, angle in angles.items():
-                if servo not in self.servos:
-                    raise ValueError(f"postures.{posture}: unknown servo {servo}")
-                limits = self.servos[servo]
-                if not limits.lower <= angle <= limits.upper:
-                    raise ValueError(
-                        f"postures.{posture}.{servo}: {angle} is outside the servo's [{limits.lower}, {limits.upper}]"
-                    )
+        self.check_postures()
         for side, mass, leg, rest in (
             ("front", self.front_mass, self.front_leg_dynamics, self.head.mass),
             ("rear", self.masses.rear, self.rear_leg_dynamics, self.tail.mass),

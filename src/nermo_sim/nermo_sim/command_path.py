@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_description.parameters import RobotParameters
+from nermo_description.parameters import RobotDescription
 
 Array = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ class CommandPath:
     servos: in the order of the commands. period: of the control ticks [s].
     """
 
-    def __init__(self, robot: RobotParameters, servos: Sequence[str], period: float) -> None:
+    def __init__(self, robot: RobotDescription, servos: Sequence[str], period: float) -> None:
         count = len(servos)
         self._delay, self._offset = np.zeros(count), np.zeros(count)
         self._step, self._band, self._play = np.full(count, np.inf), np.zeros(count), np.zeros(count)

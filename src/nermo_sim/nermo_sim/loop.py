@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any, Generic, Protocol, TypeVar
 
 from nermo_control.controller import Controller
 from nermo_control.gait.knowledge_base import GaitParameters
-from nermo_control.types import ControlCommand, LegLoads, MotionOutput
+from nermo_control.types import ControlCommand, Imu, LegLoads, MotionOutput, Odometry
 from nermo_description.parameters import RobotParameters
 from nermo_sim.recording import Recorder, Recording
 from nermo_sim.sensor_data import SensorData
@@ -59,20 +60,39 @@ def schedule(commands: Sequence[tuple[float, ControlCommand]]) -> Script:
     return script
 
 
-class Loop:
+class Steps(Protocol):
+    """A controller: of the mouse, or of a robot with pantograph legs."""
+
+    def step(
+        self,
+        stamp: int,
+        control_command: ControlCommand | None,
+        odometry: Odometry | None,
+        servo_positions: Sequence[float],
+        imu: Imu | None = None,
+        loads: LegLoads | None = None,
+    ) -> MotionOutput:
+        """One control tick at `stamp` [ns]."""
+        ...
+
+
+ControllerType = TypeVar("ControllerType", bound=Steps)
+
+
+class Loop(Generic[ControllerType]):
     """One twin under one controller. `tick` is all there is to it."""
 
-    def __init__(self, twin: Twin, controller: Controller, feel: Feel | None = None) -> None:
+    def __init__(self, twin: Twin[Any], controller: ControllerType, feel: Feel | None = None) -> None:
         """`feel` tells the controller the loads of the feet, where it wants them."""
         self.twin, self.controller, self._feel = twin, controller, feel
         self.sensors: SensorData = twin.sensors()
         self._loads: LegLoads | None = None
 
     @classmethod
-    def build(cls, robot: RobotParameters, gait_parameters: GaitParameters, scene: str = "flat") -> Loop:
+    def build(cls, robot: RobotParameters, gait_parameters: GaitParameters, scene: str = "flat") -> Loop[Controller]:
         """A loop with everything at its defaults."""
         twin = Twin(robot, scene)
-        return cls(twin, Controller(robot, gait_parameters, twin.period_ns))
+        return Loop(twin, Controller(robot, gait_parameters, twin.period_ns))
 
     def tick(self, command: ControlCommand | None, recorder: Recorder | None = None) -> MotionOutput:
         """One control tick: the controller answers the newest sensor data, the twin obeys. Returns the answer.

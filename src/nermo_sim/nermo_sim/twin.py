@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import mujoco
 import numpy as np
@@ -17,13 +18,15 @@ from numpy.typing import NDArray
 from nermo_control.blend import smooth
 from nermo_control.types import Odometry
 from nermo_description.model import build_model
-from nermo_description.parameters import LEGS, RobotParameters
+from nermo_description.parameters import LEGS
+from nermo_description.robots import AnyRobot
 from nermo_sim.command_path import CommandPath
 from nermo_sim.divergence import StateHistory
 from nermo_sim.layout import ModelLayout
 from nermo_sim.sensor_data import SensorData, SensorNoise
 
 Vector3 = tuple[float, float, float]
+RobotType = TypeVar("RobotType", bound=AnyRobot)
 _log = logging.getLogger(__name__)
 
 
@@ -75,7 +78,7 @@ class _Push:
     until: int
 
 
-class Twin:
+class Twin(Generic[RobotType]):
     """The robot in MuJoCo. Time is in integer ns and goes on over resets.
 
     robot: parameters, which also give the order of the servos. scene: name of a scene of `nermo_description`.
@@ -89,7 +92,7 @@ class Twin:
 
     def __init__(
         self,
-        robot: RobotParameters,
+        robot: RobotType,
         scene: str = "flat",
         *,
         model: mujoco.MjModel | None = None,

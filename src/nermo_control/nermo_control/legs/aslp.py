@@ -94,6 +94,11 @@ class AslpLeg:
         return self._length(self.knee_reference)
 
     @property
+    def shortest(self) -> float:
+        """Hip to foot of the leg folded as far as it goes [m]."""
+        return abs(self._arm - self.l2)
+
+    @property
     def hip_reference(self) -> float:
         """Direction of l1 with which the stretched leg's foot is below the hip (A.12) [rad]."""
         return self._hip_ahead(self.longest, self.knee_reference)
@@ -119,7 +124,7 @@ class AslpLeg:
         Raises UnreachableError where the foot is farther than the stretched leg reaches, or too near.
         """
         length = math.hypot(x, z)
-        nearest = abs(self._arm - self.l2)
+        nearest = self.shortest
         if not length <= self.longest * (1.0 + 1e-12):
             raise UnreachableError(f"foot at ({x}, {z}) m: {length:.4g} m away, the leg reaches {self.longest:.4g} m")
         if not length > max(nearest, 1e-6):

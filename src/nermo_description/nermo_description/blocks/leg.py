@@ -59,7 +59,8 @@ def build_leg(robot: RobotParameters, pair: Pair) -> mujoco.MjSpec:
     write_servo(spec, "hip", "hip_joint", servos[0], robot.contact)
     write_servo(spec, "knee", "knee_pulley_joint", servos[1], robot.contact)
     write_tendon(spec.tendon("knee_tendon"), robot.contact)
-    _write_pulley(spec, leg, dynamics.caddy_tilt, wrap_at_zero(servos[1]), pair)
+    to_pulley = math.pi - dynamics.caddy_tilt if pair == "front" else dynamics.caddy_tilt
+    write_pulley(spec, leg.pulley_radius, leg.pulley_distance, to_pulley, wrap_at_zero(servos[1]))
     return spec
 
 
@@ -69,14 +70,12 @@ def knee_angle(leg: LegParameters, q2: float) -> float:
     return math.pi - math.acos((l1 * l1 - free * free + l2 * l2) / (2.0 * l1 * l2))
 
 
-def _write_pulley(spec: mujoco.MjSpec, leg: LegParameters, tilt: float, wrap: float, pair: Pair) -> None:
-    """The pulley E at distance d1 from O, towards the middle of the body and raised by the tilt of the caddy.
+def write_pulley(spec: mujoco.MjSpec, r: float, d1: float, axis_to_pulley: float, wrap: float) -> None:
+    """The pulley E of radius r at distance d1 [m] from O in a direction [rad]; the tendon wraps it by `wrap` [rad].
 
     The tendon runs from O to the side of the pulley from which turning it about +y pays out, as q2 > 0 does in N.
-    Angles below are in the plane x, z, from x towards z; turning about +y lowers them.
+    Angles are in the plane x, z, from x towards z; turning about +y lowers them.
     """
-    r, d1 = leg.pulley_radius, leg.pulley_distance
-    axis_to_pulley = math.pi - tilt if pair == "front" else tilt
     tangent = axis_to_pulley + math.pi + math.acos(r / d1)
     anchor = tangent + wrap
 
