@@ -74,7 +74,7 @@ def test_effects_are_neutral_at_neutral_and_act_elsewhere(name: str) -> None:
     )
     loud = [key for key in idle if not key.startswith((*quiet, "stribeck", "load_friction", "supply_sag"))]
     assert set(loud) <= {
-        *("sensor_bias@slide", "sensor_bias@trunk", "sensor_bias@trunk:position"),
+        *("sensor_bias@slide", "sensor_bias@trunk:x", "sensor_bias@trunk:y"),
         *("foot_compliance@foot", "servo_dead_band@cable_servo (full)"),
     }
 

@@ -23,8 +23,8 @@ def _replayer(name: str, threads: int = 1, **kwargs: object) -> tuple[Plant, Ali
     return plant, aligned, Replayer(plant, aligned, cut(aligned), floor, threads)
 
 
-NOT_YET = {"camera": "its gyro knows more than the start of a window", "quad": "its base is free"}
-"""Robots for which the replay is not as good as repeating the experiment, see docs/gap.md."""
+NOT_YET = {"quad": "its base is free"}
+"""The robot for which the replay is not as good as repeating the experiment, see docs/gap.md."""
 
 
 @pytest.mark.parametrize(

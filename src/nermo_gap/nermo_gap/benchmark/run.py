@@ -27,7 +27,7 @@ def run_case(case: Case, threads: int | None = None, baselines: bool = False) ->
     simulate(case)
     robot = robot_of(case.robot)
     plant = build_plant(mujoco.MjSpec.from_string(robot.xml), parse_map(robot.mapping))
-    started = time.monotonic()
+    started, busy = time.monotonic(), time.process_time()
     recording = recording_from_table(case.columns, plant)
     report = diagnose([recording], plant, Options(baselines=baselines, threads=threads)).report
     row = judged(case.answer(), report | {"status": "done", "wall_s": time.monotonic() - started})
@@ -35,6 +35,10 @@ def run_case(case: Case, threads: int | None = None, baselines: bool = False) ->
         "values": [e["parameters"] for e in report["effects"]],
         "parameters": [f.parameters for f in case.faults],
         "nuisances_only": report["gap"]["nuisances_only"],
+        "gains": [[e["gap_gain"], *e["ci90"]] for e in report["effects"]],
+        "nuisances": {n: round(z, 2) for n, z in report["nuisances"].items() if abs(z) > 1.0},
+        "typical": report["gap"]["typical"],
+        "cpu_s": time.process_time() - busy,
         "structure": report["unexplained_predictable_share"],
         "ranking": [[r["hypothesis"], round(r["score"], 1), round(r["gap"], 2)] for r in report["ranking"][:5]],
     }

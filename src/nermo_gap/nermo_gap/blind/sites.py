@@ -77,11 +77,11 @@ def sites(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[Site
 
 def _sensors(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[Site]]:
     single, axes = [], []
-    vectors: dict[str, list[str]] = {}
+    vectors: dict[str, list[tuple[str, str]]] = {}
     for row in mapping["outputs"]:
         name = row.get("sensor") or row.get("joint") or row.get("body")
         if "component" in row:
-            vectors.setdefault(name if "sensor" in row else "", []).append(row["column"])
+            vectors.setdefault(name if "sensor" in row else "", []).append((row["column"], str(row["component"])))
             continue
         places = {name}
         if "sensor" in row:
@@ -90,9 +90,10 @@ def _sensors(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[S
         elif "joint" in row:
             places |= _places(model, "joint", model.joint(name).id)
         single.append(Site(name, (row["column"],), tuple(sorted(places))))
-    for name, columns in vectors.items():
-        if name and len(columns) == 3:
-            near = {name, *columns, *(f"{name}:{c}" for c in columns)}
+    for name, parts in vectors.items():
+        if name and len(parts) == 3:
+            columns = [column for column, _ in parts]
+            near = {name, *columns, *(f"{name}:{part}" for _, part in parts)}
             axes.append(Site(name, tuple(columns), tuple(sorted(near))))
     return {"sensor": single, "axes": axes}
 

@@ -20,6 +20,7 @@ from nermo_gap.core.baselines import best_in_sample, fit_everything
 from nermo_gap.core.effects.base import Context, Effect
 from nermo_gap.core.experiment import GenericMenu, Menu
 from nermo_gap.core.fit import Fit, Fitter, Hypothesis
+from nermo_gap.core.horizon import usable_horizon
 from nermo_gap.core.isolability import confusion, isolability
 from nermo_gap.core.library import enumerate_effects
 from nermo_gap.core.next_experiment import Proposal, propose
@@ -65,7 +66,7 @@ class Options:
     max_windows: int | None = None
     """By default as many as the model is worth."""
     horizon: float = HORIZON
-    """[s] of a window."""
+    """[s] of a window; shorter where the robot blows up an error of its start (`horizon.py`)."""
     resolution: dict[str, float] = field(default_factory=dict)
     """Least noise floor by output [unit of the channel]: what its sensor can resolve, however quiet it looks."""
     trusted: tuple[str, ...] = ()
@@ -107,9 +108,9 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     floor = np.maximum(noise_floor(aligned), [options.resolution.get(o.name, 0.0) for o in plant.outputs])
     warnings = [*plant.warnings, *aligned.warnings]
     warnings += check_map(plant, aligned, measured_state(plant, aligned, floor))
-    windows = cut(aligned, options.horizon, most=options.max_windows or affordable(plant.model))
-    replayer = Replayer(plant, aligned, windows, floor, options.threads)
     nominal = Variant.nominal(plant)
+    replayer = _replayer(plant, aligned, floor, nominal, options)
+    windows = replayer.windows
     context = Context(plant, measure_scales(replayer, nominal), options.groups)
     effects = enumerate_effects(context, options.extra_effects, options.only)
     if options.keep is not None:
@@ -132,6 +133,18 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     report["replayed_s"] = replayer.simulated_seconds
     report["wall_s"] = time.monotonic() - started
     return Diagnosis(verdict, selection, selector, aligned, report, proposal, options.menu)
+
+
+def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, options: Options) -> Replayer:
+    """A replayer of windows as long as this robot lets them be."""
+    most = options.max_windows or affordable(plant.model)
+    made = Replayer(plant, aligned, cut(aligned, options.horizon, most=most), floor, options.threads)
+    horizon = usable_horizon(made, nominal)
+    if horizon > 0.9 * options.horizon:
+        return made
+    # As many seconds of motion in shorter windows.
+    windows = cut(aligned, horizon, most=round(most * options.horizon / horizon))
+    return Replayer(plant, aligned, windows, floor, options.threads)
 
 
 def _report(
@@ -210,7 +223,11 @@ def _gap(selector: Selector, selection: Selection, nominal: Array) -> dict[str, 
         "shrink": float(1.0 - after[0] / before[0]),
         "ci90": _interval(1.0 - after[1:] / before[1:]),
         "nuisances_only": float(reference[0]),
-        "typical": {"before": selector.typical(nominal), "after": selector.typical(selection.best.fit.held)},
+        "typical": {
+            "before": selector.typical(nominal),
+            "nuisances_only": selector.typical(selection.reference.fit.held),
+            "after": selector.typical(selection.best.fit.held),
+        },
         "by_channel": by_channel,
     }
 

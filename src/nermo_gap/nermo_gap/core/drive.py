@@ -15,6 +15,9 @@ from nermo_gap.core.variant import Variant
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+_ROUNDING = 1e-9
+"""Rows: a time step that begins with a stair, to the last bit, sees that stair."""
+
 
 class Drive:
     """Controls and applied joint forces of every simulation at a position (in grid rows) after its origin.
@@ -34,11 +37,11 @@ class Drive:
     ) -> None:
         self._shared, self.origin = shared, origin
         self._path = paths[:, None]
-        # A held command is a staircase of time steps; the line through the middles of its stairs does the same work
-        # and moves smoothly with the delay.
-        half_stair = 0.5 * max(1.0 - dt / period, 0.0)
-        hold = np.array([0.0 if c.linear else half_stair for c in plant.inputs])
-        self._lag = np.array([v.inputs.delay for v in variants]) / period + hold
+        self._lag = np.array([v.inputs.delay for v in variants]) / period
+        # A held command is a staircase. What acts in a time step is its mean over the step, so that the work of a delay
+        # changes smoothly with it.
+        self._held = np.array([not c.linear for c in plant.inputs])
+        self._step = dt / period
         self._channels = np.arange(len(plant.inputs))[None, :]
         self._to_control = np.zeros((len(plant.inputs), plant.model.nu))
         self._to_force = np.zeros((len(plant.inputs), plant.model.nv))
@@ -60,8 +63,11 @@ class Drive:
         extend = (lambda a: a[:, None, :]) if several else (lambda a: a)
         row = extend(self.origin[:, None] - self._lag) + moment
         row = np.clip(row, extend(self._low), extend(self._high + 1))
-        floor = np.minimum(row.astype(np.int64), extend(self._high))
-        share = row - floor
+        floor = np.minimum((row + _ROUNDING).astype(np.int64), extend(self._high))
+        share = np.maximum(row - floor, 0.0)
+        # Of the coming time step, what lies behind the next stair.
+        late = np.clip((share + self._step - 1.0) / self._step, 0.0, 1.0)
+        share = np.where(self._held, late, share)
         path = extend(self._path)
         before = self._shared[path, floor, self._channels]
         after = self._shared[path, floor + 1, self._channels]

@@ -30,6 +30,8 @@ _NUISANCE_STEP = 0.02
 """The same of a nuisance, in standard deviations of its prior. Small: an effect and its imitation differ by
 what a longer step bends."""
 _FOLD_TRIALS = (1.0, 0.3)
+_SEVERAL = 2
+"""One nominal number may be as far off as its prior lets it; of several, another effect may hide in them."""
 _STRAINED = 1.0
 """[nats] Nuisances that cost more than this may have swallowed a part of an effect."""
 _VALLEY = 0.05
@@ -101,6 +103,12 @@ class Fit:
     def prior(self) -> float:
         """Cost of the nuisances."""
         return 0.5 * float(self.z @ self.z)
+
+    @property
+    def strained(self) -> list[int]:
+        """Nuisances at the end of their box; empty for fewer than two."""
+        found = np.flatnonzero(np.abs(self.z) > 0.999 * BOX).tolist()
+        return found if len(found) >= _SEVERAL else []
 
 
 class Fitter:
@@ -190,6 +198,7 @@ class Fitter:
         high: Array,
         select: Ints | None = None,
         nuisance: Array | None = None,
+        box: float = BOX,
     ) -> tuple[Array, Array, Array]:
         """One bounded Gauss-Newton step (dx scaled, dz) about a residual; also the normal matrix.
 
@@ -209,8 +218,8 @@ class Fitter:
         slope = stacked @ target + np.concatenate([np.zeros(ne), z])
         if ne + nn == 0:
             return np.zeros(0), np.zeros(0), normal
-        lower = np.concatenate([low, -BOX - z]) - 1e-9
-        upper = np.concatenate([high, BOX - z]) + 1e-9
+        lower = np.concatenate([low, -box - z]) - 1e-9
+        upper = np.concatenate([high, box - z]) + 1e-9
         factor = np.linalg.cholesky(normal).T
         step = lsq_linear(factor, -np.linalg.solve(factor.T, slope), (lower, upper), method="bvls").x
         return step[:ne], step[ne:], normal
@@ -279,6 +288,7 @@ class Fitter:
         iterations: int = 5,
         known: Array | None = None,
         select: Ints | None = None,
+        box: float = BOX,
     ) -> Fit:
         """Gauss-Newton with line search from (x, z) on all (or selected) windows; the fit is evaluated on all of them.
 
@@ -297,9 +307,9 @@ class Fitter:
             jacobian, fresh = self._effect_jacobian(hypothesis, x, z, residual, scale, high, select), True
             reach = 3.0 + np.abs(x - neutral) / np.maximum(scale, 1e-300)
             bounds = np.maximum((low - x) / scale, -reach), np.minimum((high - x) / scale, reach)
-            dx, dz, _ = self.solve(residual, jacobian, z, *bounds, select, self.jacobian)
+            dx, dz, _ = self.solve(residual, jacobian, z, *bounds, select, self.jacobian, box)
             for t in _TRIALS:
-                point = np.clip(x + t * dx * scale, low, high), np.clip(z + t * dz, -BOX, BOX)
+                point = np.clip(x + t * dx * scale, low, high), np.clip(z + t * dz, -box, box)
                 tried = self.replay(hypothesis, [point], select)[0]
                 new_cost = self._cost(tried, point[1], select)
                 if new_cost < cost:

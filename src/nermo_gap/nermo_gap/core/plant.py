@@ -105,6 +105,8 @@ class OutputChannel:
     dof: int = -1
     gear: float = 1.0
     subsystem: str = ""
+    part: str = ""
+    """Name of the component of a sensor that has several."""
 
     @property
     def wrapped(self) -> bool:
@@ -394,4 +396,5 @@ def _output_channel(model: mujoco.MjModel, row: OutputRow, sensor: str, where: s
         dof=dof,
         gear=gear,
         subsystem=subsystem,
+        part=row.component or "",
     )

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from nermo_gap.core.align import Aligned
 from nermo_gap.core.drive import Drive, Follow
 from nermo_gap.core.plant import Plant, euler_angles
-from nermo_gap.core.servo_step import ServoStep, load_friction, needs_friction_step
+from nermo_gap.core.servo_step import LoadFriction, ServoStep, needs_friction_step
 from nermo_gap.core.signal_path import inverse_outputs, shape_inputs
 from nermo_gap.core.state import MeasuredState, measured_state
 from nermo_gap.core.variant import InputPath, OutputPath, Variant
@@ -57,6 +57,7 @@ class Replayer:
         self.plant, self.aligned, self.windows, self.floor = plant, aligned, windows, floor
         self.threads = threads or min(os.cpu_count() or 1, 8)
         self.base = _const(plant.model)
+        self._base_bytes = {field: _field(self.base, field).tobytes() for field in _FIELDS}
         self._inputs: dict[bytes, Array] = {}
         self._states: dict[bytes, MeasuredState] = {}
         self.simulated_seconds = 0.0
@@ -106,15 +107,15 @@ class Replayer:
         per_sim = 8.0 * self._steps * (self.plant.model.nsensordata + self.plant.model.nu + self.plant.model.nv)
         size = int(np.clip(_MAX_BYTES / per_sim, 16, _MAX_SIMS))
         # Which way a pair runs depends on its variant alone, so that its company changes no bit.
-        slow = np.array([needs_steps(v) for v in variants])[which]
-        for stepwise in (False, True):
-            chosen = np.flatnonzero(slow == stepwise)
+        ways = np.array([_way(v) for v in variants])[which]
+        for way in np.unique(ways):
+            chosen = np.flatnonzero(ways == way)
             for first in range(0, len(chosen), size):
                 part = chosen[first : first + size]
                 moved, faster = (None if s is None else s[part] for s in (shift, rate_shift))
                 with quiet_mujoco():
                     out[part] = self._chunk(
-                        variants, rows, shared_inputs, shared_states, which[part], window[part], moved, faster, stepwise
+                        variants, rows, shared_inputs, shared_states, which[part], window[part], moved, faster, way
                     )
         self.simulated_seconds += len(which) * self._steps * self._dt
         return out
@@ -125,7 +126,7 @@ class Replayer:
         kept: dict[str, list[Array]] = {f: [] for f in fields}
         which, window = np.zeros(len(self.windows), np.int64), np.arange(len(self.windows))
         with quiet_mujoco():
-            self._chunk([variant], rows, shared_inputs, shared_states, which, window, None, None, True, kept)
+            self._chunk([variant], rows, shared_inputs, shared_states, which, window, None, None, _REMEMBERS, kept)
         return {f: np.nan_to_num(np.concatenate(v)) for f, v in kept.items()}
 
     # -- preparation ---------------------------------------------------------------------------------------------
@@ -160,9 +161,9 @@ class Replayer:
     def _differences(self, model: mujoco.MjModel) -> dict[str, NDArray[np.generic]]:
         changed = _const(model)
         different = {}
-        for field in _FIELDS:
-            mine, base = _field(changed, field), _field(self.base, field)
-            if not np.array_equal(mine, base):
+        for field, base in self._base_bytes.items():
+            mine = _field(changed, field)
+            if mine.tobytes() != base:
                 different[field] = np.array(mine)
         return different
 
@@ -187,7 +188,7 @@ class Replayer:
         window: Ints,
         shift: Array | None,
         rate_shift: Array | None,
-        stepwise: bool,
+        way: int,
         probe: dict[str, list[Array]] | None = None,
     ) -> Array:
         batch = self._batch(rows, which)
@@ -202,8 +203,9 @@ class Replayer:
         follow = Follow(states, np.array([rows[v].state for v in which]), drive.origin, batch)
         history = np.empty((len(which), self._steps, self.plant.model.nsensordata))
         failed = np.zeros(len(which), bool)
-        if stepwise:
-            self._step_through(batch, mine, drive, follow, history, failed, shift, rate_shift, probe)
+        if way != _ROLLS:
+            warm = way == _REMEMBERS or self._settles(batch)
+            self._step_through(batch, mine, drive, follow, history, failed, shift, rate_shift, warm, probe)
         else:
             self._roll_out(batch, drive, follow, history, failed, shift, rate_shift)
         warned = batch.warning[:, :, 1].astype(np.int64)
@@ -224,9 +226,7 @@ class Replayer:
     ) -> None:
         """The free run in one call, for variants whose inputs do not depend on the state."""
         lead, period = self._lead_steps, self.aligned.period
-        # Where all coordinates are measured and nothing else has a memory, there is nothing to warm up.
-        memory = self.plant.model.na > 0 or batch.bind("history").shape[-1] > 0
-        if memory or not self.state.complete(self.plant.model):
+        if self._settles(batch):
             for k in range(lead):
                 follow.apply(k * self._dt / period, None, None)
                 batch.ctrl[:], batch.qfrc_applied[:] = drive.at(k * self._dt / period)
@@ -240,6 +240,11 @@ class Replayer:
         history[:, lead:] = found["sensordata"]
         history[:, :lead] = history[:, lead : lead + 1]
 
+    def _settles(self, batch: mjbatch.Batch) -> bool:
+        """Whether something needs the warm-up; not where all coordinates are measured and nothing has a memory."""
+        memory = self.plant.model.na > 0 or batch.bind("history").shape[-1] > 0
+        return memory or not self.state.complete(self.plant.model)
+
     def _step_through(
         self,
         batch: mjbatch.Batch,
@@ -250,18 +255,24 @@ class Replayer:
         failed: NDArray[np.bool_],
         shift: Array | None,
         rate_shift: Array | None,
+        warm: bool,
         probe: dict[str, list[Array]] | None,
     ) -> None:
-        """Warm-up and free run step by step, with servos and frictions that look at the state."""
+        """Warm-up and free run step by step, with servos and frictions that look at the state.
+
+        Where nothing has a memory (not ``warm``), one step is enough to know the forces.
+        """
         servo = ServoStep(self.plant, mine, self._dt)
         friction = needs_friction_step(mine)
+        law = LoadFriction(mine) if friction else None
         loss = batch.expand("dof_frictionloss") if friction else None
         base_loss = None if loss is None else loss.copy()
         force = batch.bind("qfrc_actuator") if friction else None
         sensors = batch.bind("sensordata")
         if servo.active:
             servo.bind(batch)
-        for k in range(self._steps):
+        first = 0 if warm else max(self._lead_steps - 1, 0)
+        for k in range(first, self._steps):
             position = k * self._dt / self.aligned.period
             if k <= self._lead_steps:
                 last = k == self._lead_steps
@@ -272,13 +283,14 @@ class Replayer:
                 applied = applied + extra
             batch.ctrl[:] = control
             batch.qfrc_applied[:] = applied
-            if loss is not None and base_loss is not None and force is not None:
-                loss[:] = load_friction(mine, base_loss, batch.qvel, force + applied)
+            if law is not None and loss is not None and base_loss is not None and force is not None:
+                loss[:] = law.at(base_loss, batch.qvel, force + applied)
             _try(batch.step, failed)
             history[:, k] = sensors
             if probe is not None and k > self._lead_steps:
                 for field, values in probe.items():
                     values.append(np.array(batch.bind(field)))
+        history[:, :first] = history[:, first : first + 1]
 
     def _sample(self, history: Array, variants: Sequence[Variant]) -> Array:
         """Outputs at the recorded times, (n, ns, no), through each variant's output path."""
@@ -346,11 +358,18 @@ class Replayer:
         return found
 
 
-def needs_steps(variant: Variant) -> bool:
-    """Whether a variant must be stepped: its servos or frictions look at the state, or its past is sampled."""
+_ROLLS, _LOOKS, _REMEMBERS = 0, 1, 2
+"""Ways in which a variant runs: in one call, step by step, step by step with its past."""
+
+
+def _way(variant: Variant) -> int:
+    """How a variant must run: its servos or frictions look at the state, or its past matters."""
     servos, outputs = variant.servos, variant.outputs
-    looks = servos.dead_band.any() or servos.backlash.any() or servos.sag != 0.0 or outputs.delay.any()
-    return bool(looks) or needs_friction_step([variant])
+    if servos.backlash.any() or outputs.delay.any():
+        return _REMEMBERS
+    if servos.dead_band.any() or servos.sag != 0.0 or needs_friction_step([variant]):
+        return _LOOKS
+    return _ROLLS
 
 
 def _try(call: Callable[[], object], failed: NDArray[np.bool_]) -> None:

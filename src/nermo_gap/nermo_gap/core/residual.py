@@ -111,8 +111,29 @@ class Residuals:
         """Residuals (nv, nw, ns, nl) of variants; ``which`` as in Replayer.run."""
         return self.whiten(self.raw(self.replayer.run(variants, select, which), select), select)
 
-    def update_start(self, reference: Variant) -> None:
-        """Recompute how an error of the start shows, about ``reference``."""
+    def update_start(self, *references: Variant) -> None:
+        """Recompute how an error of the start shows: the mean covariance about several models, the likeliest last.
+
+        About one model alone the others would be judged by what only that one forgives.
+        """
+        responses = [self._responses(reference) for reference in references]
+        share = len(references) ** -0.5
+        start, white, slow = (share * np.concatenate([r[i] for r in responses], -1) for i in range(3))
+        base = responses[-1][3]
+        tried = []
+        for level in _INPUT_ERRORS if white.shape[-1] else (0.0,):
+            basis, scale, _ = np.linalg.svd(np.concatenate([start, white, level * slow], -1), full_matrices=False)
+            amounts = np.einsum("wmk,wm->wk", basis, base)
+            fit = (base**2).sum() - (amounts**2 * scale**2 / (1.0 + scale**2)).sum()
+            tried.append((fit + np.log1p(scale**2).sum(), level, basis, scale))
+        _, self.input_error, basis, scale = min(tried, key=lambda t: t[0])
+        # Errors that do not show are left out: they cost time.
+        kept = int((scale > 0.1).any(axis=0).sum())
+        self._basis = np.ascontiguousarray(basis[..., :kept])
+        self._shrink = 1.0 - 1.0 / np.sqrt(1.0 + scale[:, :kept] ** 2)
+
+    def _responses(self, reference: Variant) -> tuple[Array, Array, Array, Array]:
+        """Responses (nw, m, k) of one model to errors of the start and of measured inputs; its residual (nw, m)."""
         state, nw, which_coordinates = self.replayer.state, len(self.replayer.windows), self._doubted
         sd, rate_sd = state.start_sd
         nm = len(which_coordinates)
@@ -128,17 +149,7 @@ class Residuals:
         raw = self.raw(outputs.reshape(count, nw, *outputs.shape[1:])).reshape(count, nw, -1)
         start = np.moveaxis(raw[1:] - raw[0], 0, -1)
         white, slow = self._input_responses(reference, raw[0])
-        tried = []
-        for level in _INPUT_ERRORS if white.shape[-1] else (0.0,):
-            basis, scale, _ = np.linalg.svd(np.concatenate([start, white, level * slow], -1), full_matrices=False)
-            amounts = np.einsum("wmk,wm->wk", basis, raw[0])
-            fit = (raw[0] ** 2).sum() - (amounts**2 * scale**2 / (1.0 + scale**2)).sum()
-            tried.append((fit + np.log1p(scale**2).sum(), level, basis, scale))
-        _, self.input_error, basis, scale = min(tried, key=lambda t: t[0])
-        # Errors that do not show are left out: they cost time.
-        kept = int((scale > 0.1).any(axis=0).sum())
-        self._basis = np.ascontiguousarray(basis[..., :kept])
-        self._shrink = 1.0 - 1.0 / np.sqrt(1.0 + scale[:, :kept] ** 2)
+        return start, white, slow, raw[0]
 
     def _input_responses(self, reference: Variant, base: Array) -> tuple[Array, Array]:
         """Responses (nw, m, k) to errors of measured inputs: white noise, and a wander of their root mean square."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from nermo_gap.core.effects.base import Effect
 from nermo_gap.core.fit import Fit, Fitter
 from nermo_gap.core.nuisance import BOX
+from nermo_gap.core.windows import HORIZON
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -19,6 +20,8 @@ WINDOWS = 18
 """Windows used for screening."""
 _JOBS, _FEWEST = 500, 6
 """With more start values than this (a robot with many joints), each gets fewer windows, down to six."""
+_GLANCE = 5
+"""Windows of the glance that leaves out what promises least."""
 _BATCH = 24
 
 
@@ -35,7 +38,11 @@ class Screened:
 
 
 def informative_windows(fitter: Fitter, fit: Fit, count: int = WINDOWS) -> Ints:
-    """Windows spread over the recording: in each stretch the one with the largest gap."""
+    """Windows spread over the recording: in each stretch the one with the largest gap.
+
+    ``count`` is that of windows of the usual length; of shorter ones there are more.
+    """
+    count = round(count * max(HORIZON / (fitter.windows.length * fitter.residuals.replayer.aligned.period), 1.0))
     square = fitter.mean_square(fit.residual)
     size = np.log1p(square).sum(axis=1)
     if len(size) <= count:
@@ -61,9 +68,9 @@ def screen(
     nuisances, it is taken for linear. One start is kept for each candidate.
     """
     chosen, done = list(effects), 0.0
-    if hopeful is not None and len(chosen) > hopeful:
+    if hopeful is not None and len(chosen) > 1.3 * hopeful:
         starts = {id(e): _moderate(e.starts()) for e in chosen}
-        few = informative_windows(fitter, fit, WINDOWS // 4)
+        few = informative_windows(fitter, fit, _GLANCE)
         ranked = _ranked(fitter, fit, chosen, starts, few, progress, (0.0, 0.6))
         chosen, done = [s.effect for s in ranked[:hopeful]], 0.6
     starts = {id(e): e.starts() for e in chosen}

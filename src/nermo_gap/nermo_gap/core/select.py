@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from nermo_gap.core.effects.base import Effect
 from nermo_gap.core.effects.growing import MIN_DURATION, Growing
 from nermo_gap.core.fit import Fit, Fitter, Hypothesis
+from nermo_gap.core.nuisance import BOX
 from nermo_gap.core.screen import Screened, informative_windows, screen
 
 Array = NDArray[np.float64]
@@ -23,6 +24,11 @@ EVIDENCE = 4.0
 """An effect must earn this many nats beyond the price of having looked at many candidates (the log of their number)."""
 RELEVANT = 0.10
 """An effect must take at least this share of the gap (or as much strain off the priors as EVIDENCE)."""
+MORE = 0.3
+"""Any further effect must take this share of what the typical window is left with above the noise floor."""
+ENOUGH = 1.2
+"""[noise floors] With no more left than that in a typical window, and no nominal number at the end of its box, no
+further effect is looked for."""
 TIE = 0.5
 """[nats] Closer than this, two hypotheses predict the same."""
 SURVIVORS = 10
@@ -30,8 +36,11 @@ FINALISTS = 5
 FIT_WINDOWS = 30
 """Windows in which candidates are fitted; they are scored, and the leaders refitted, in all."""
 PARTNERS = 6
-HOPELESS = 60.0
-"""[nats] Behind the best in sample by more than this, a candidate is not refitted."""
+HOPELESS, FAR = 20.0, 0.3
+"""Behind the best by more than so many nats, and by this share of what the best gains, a candidate is not refitted:
+fits with the nominal model's sensitivities are that rough."""
+LEADERS = 2
+"""Kinds of effects about which, beside the nominal model, errors of the windows' start are computed."""
 MAX_EFFECTS = 3
 
 
@@ -39,7 +48,7 @@ MAX_EFFECTS = 3
 class Effort:
     """How much is looked at; a model whose steps cost more gets less."""
 
-    hopeful: int | None = None
+    hopeful: int | None = 30
     """Candidates that are screened thoroughly, after a glance at all; None: all of them."""
     survivors: int = SURVIVORS
     """Candidates that are fitted."""
@@ -157,6 +166,11 @@ class Selector:
         low, high = np.percentile(gain[1:], [5, 95])
         return float(gain[0]), float(low), float(high)
 
+    def beyond(self, fit: Fit) -> float:
+        """What the data would gain [nats] if the nominal numbers might be off twice as far; their priors stay."""
+        wider = self.fitter.fit(fit.hypothesis, fit.x, fit.z, 4, fit.residual, box=2.0 * BOX)
+        return fit.cost - wider.cost
+
     # -- competition ---------------------------------------------------------------------------------------------
 
     def run(self) -> Selection:
@@ -180,8 +194,9 @@ class Selector:
         singles = sorted([winner, *(s for s in singles if s.fit.hypothesis is not winner.fit.hypothesis)], key=_score)
         result.best, result.rivals = winner, singles
         result.gains.append(self.difference(reference.fit, winner.fit))
-        while len(result.best.fit.hypothesis.effects) < self._effort.max_effects and result.best.gap > 1.15:
-            if not self._add(result, screened):
+        while len(result.best.fit.hypothesis.effects) < self._effort.max_effects:
+            enough = self.typical(result.best.fit.held) < ENOUGH and not result.best.fit.strained
+            if enough or not self._add(result, screened):
                 break
         self._grow(result)
         return result
@@ -212,9 +227,11 @@ class Selector:
             x = start.x if base is None else np.concatenate([base.x, start.x])
             fits.append(self.fitter.fit(hypothesis, x, start.z, select=select))
         fits.sort(key=lambda f: f.cost)
+        without = self.fitter.nominal if base is None else base
+        margin = max(HOPELESS, FAR * (without.cost - fits[0].cost)) if fits else HOPELESS
         for i, fit in enumerate(fits):
             # Whoever loses in sample by far need not be scored held out: in sample flatters.
-            if i < FINALISTS and fit.cost < fits[0].cost + HOPELESS:
+            if i < FINALISTS and fit.cost < fits[0].cost + margin:
                 self.fitter.cross_validate(fit)
             else:
                 fit.held = np.where(
@@ -227,10 +244,14 @@ class Selector:
         fitter = self.fitter
         if not singles:
             return singles, reference
-        leader = singles[0].fit if singles[0].score < reference.score else reference.fit
-        fitter.residuals.update_start(fitter.variant(leader.hypothesis, leader.x, leader.z))
+        # Leaders of different kinds, so that no kind is judged by what another forgives.
+        kinds = {s.fit.hypothesis.effects[0].name: s.fit for s in reversed(singles[: self._effort.finalists])}
+        leaders = sorted(kinds.values(), key=lambda f: f.cost)[:LEADERS] if singles[0].score < reference.score else []
+        models = [fitter.variant(f.hypothesis, f.x, f.z) for f in (reference.fit, *reversed(leaders))]
+        fitter.residuals.update_start(*models)
         again = []
-        hopeful = [s for s in singles[: self._effort.finalists] if s.score < singles[0].score + HOPELESS]
+        margin = self._hopeless(reference, singles[0])
+        hopeful = [s for s in singles[: self._effort.finalists] if s.score < singles[0].score + margin]
         for i, scored in enumerate([*hopeful, reference]):
             self._say("finals", i / (len(hopeful) + 1))
             fit = fitter.fit(scored.fit.hypothesis, scored.fit.x, scored.fit.z, iterations=1)
@@ -238,6 +259,11 @@ class Selector:
         reference = again.pop()
         fitter.refresh(reference.fit.hypothesis, reference.fit.x, reference.fit.z, reference.fit.residual)
         return sorted(again, key=_score) + [s for s in singles if s not in hopeful], reference
+
+    @staticmethod
+    def _hopeless(without: Scored, best: Scored) -> float:
+        """How far [nats] behind the best of a round a candidate may be and still be refitted."""
+        return max(HOPELESS, FAR * (without.score - best.score))
 
     def _simplest(self, scored: Sequence[Scored]) -> Scored | None:
         """One-standard-error rule: of those within one standard error of the best, the one with fewest parameters."""
@@ -258,12 +284,20 @@ class Selector:
         return chosen
 
     def _earns(self, without: Scored, with_: Scored, looked_at: int) -> bool:
-        """Whether the larger hypothesis is worth having."""
+        """Whether the larger hypothesis is worth having.
+
+        Of one effect more, a good part of what is left above the noise floor is asked: nothing is quite as its model
+        says (a friction's law, a servo's), and there is always some effect that takes a little of that.
+        """
         gain, low, _ = self.difference(without.fit, with_.fit)
+        before, after = (self.typical(s.fit.held) for s in (without, with_))
         strain = without.fit.prior - with_.fit.prior
-        left = 1.0 - RELEVANT
-        relevant = with_.gap < left * without.gap or strain > EVIDENCE
-        relevant |= self.typical(with_.fit.held) < left * self.typical(without.fit.held)
+        if without.fit.hypothesis.effects:
+            relevant = after - 1.0 < (1.0 - MORE) * (before - 1.0)
+            relevant |= bool(without.fit.strained) and strain > EVIDENCE
+        else:
+            left = 1.0 - RELEVANT
+            relevant = with_.gap < left * without.gap or after < left * before or strain > EVIDENCE
         return gain > EVIDENCE + np.log(max(looked_at, 1)) and low > 0.0 and relevant
 
     def _add(self, result: Selection, screened: Sequence[Screened]) -> bool:
@@ -280,7 +314,8 @@ class Selector:
         if not pairs:
             return False
         pairs = self._swap(pairs, screened)
-        polished = [self.scored(fitter.polish(p.fit)) for p in pairs[:2] if p.score < pairs[0].score + HOPELESS]
+        margin = self._hopeless(base, pairs[0])
+        polished = [self.scored(fitter.polish(p.fit)) for p in pairs[:2] if p.score < pairs[0].score + margin]
         pairs = sorted([*polished, *pairs[len(polished) :]], key=_score)
         best = self._simplest(pairs)
         if best is None or not self._earns(base, best, len(others)):

@@ -129,10 +129,16 @@ def needs_friction_step(variants: Sequence[Variant]) -> bool:
     return any(v.friction.stribeck.any() or v.friction.load.any() for v in variants)
 
 
-def load_friction(variants: Sequence[Variant], loss: Array, velocity: Array, force: Array) -> Array:
-    """Friction loss (n, nv) at joint velocities (n, nv) under transmitted forces (n, nv)."""
-    stribeck = np.stack([v.friction.stribeck for v in variants])
-    slow = np.stack([v.friction.stribeck_velocity for v in variants])
-    load = np.stack([v.friction.load for v in variants])
-    result: Array = np.maximum(loss + stribeck * np.exp(-((velocity / slow) ** 2)) + load * np.abs(force), 0.0)
-    return result
+class LoadFriction:
+    """Friction loss of all simulations that changes with speed and load; ``variants`` gives the variant of each."""
+
+    def __init__(self, variants: Sequence[Variant]) -> None:
+        self._stribeck = np.stack([v.friction.stribeck for v in variants])
+        self._slow = np.stack([v.friction.stribeck_velocity for v in variants])
+        self._load = np.stack([v.friction.load for v in variants])
+
+    def at(self, loss: Array, velocity: Array, force: Array) -> Array:
+        """Friction loss (n, nv) at joint velocities (n, nv) under transmitted forces (n, nv)."""
+        fading = self._stribeck * np.exp(-((velocity / self._slow) ** 2))
+        result: Array = np.maximum(loss + fading + self._load * np.abs(force), 0.0)
+        return result

@@ -18,12 +18,18 @@ CLOSE = 3.0
 """[nats] Rivals nearer than this are not told apart, whatever the bootstrap says."""
 SMALL = 4.0
 """A gap below this many noise floors is not worth a verdict of unknown."""
+REMAINS = 2.5
+"""A typical window that is left with a gap of this many noise floors is no case of no gap, whatever it looks like."""
 STRUCTURE = 0.35
 """Share of the residual's power that must be predictable for it to count as structure."""
 LEFT = 0.35
 """Share of the gap that may be left by an effect that explains it."""
-STRAINED = 2
-"""Nominal numbers at the end of what their priors allow, from which on another effect must hide in them."""
+HIDDEN = 0.15
+"""Another effect hides in nominal numbers at the end of what their priors allow where letting them go further is worth
+this share of what the effect that was found is worth."""
+UNEXPLAINED, LEFT_TYPICAL = 2.0, 0.15
+"""An effect that is the cause leaves a typical window with no more noise floors than this, or with no more than this
+share of what nominal numbers alone leave."""
 UNSTABLE = 0.5
 """Spread of a parameter between folds, relative to its distance from neutral."""
 
@@ -52,12 +58,13 @@ def judge(selector: Selector, selection: Selection, structure: float) -> Verdict
     best, reference = selection.best, selection.reference
     verdict = Verdict("no_gap", best)
     if best is reference:
-        if best.gap > SMALL and structure > STRUCTURE:
+        typical = selector.typical(best.fit.held)
+        if typical > REMAINS or (best.gap > SMALL and structure > STRUCTURE):
             verdict.kind = "unknown"
             verdict.open = [s.fit for s in selection.singles[:2]] + [reference.fit]
             verdict.reasons.append(
                 f"no known effect earns its place, yet a gap of {best.gap:.1f} noise floors remains "
-                f"and {100 * structure:.0f} % of it is predictable"
+                f"({typical:.1f} in a typical window) and {100 * structure:.0f} % of it is predictable"
             )
         else:
             verdict.reasons.append("no effect improves the prediction of held-out data beyond what priors explain")
@@ -92,12 +99,20 @@ def _doubts(selector: Selector, selection: Selection, structure: float) -> list[
             f"the best hypothesis ({best.key}) leaves {100 * left:.0f} % of the gap, "
             f"and {100 * structure:.0f} % of that is predictable: the cause is not in the library"
         )
-    strained = [n.name for n, z in zip(selector.fitter.nuisances, best.fit.z, strict=True) if abs(z) > 0.999 * BOX]
-    if len(strained) >= STRAINED:
+    typical, reference_typical = (selector.typical(s.fit.held) for s in (best, reference))
+    share = (typical - 1.0) / max(reference_typical - 1.0, 1e-9)
+    if typical > UNEXPLAINED and share > LEFT_TYPICAL and not doubts:
         doubts.append(
-            f"beside {best.key}, {' and '.join(strained)} would have to be off by {BOX:g} prior deviations: "
-            "another effect hides in them"
+            f"the best hypothesis ({best.key}) leaves {typical:.1f} noise floors in a typical window, "
+            f"{100 * share:.0f} % of what nominal numbers leave: the cause is not in the library"
         )
+    if strained := [selector.fitter.nuisances[i].name for i in best.fit.strained]:
+        more, found = selector.beyond(best.fit), selection.gains[-1][0]
+        if more > HIDDEN * found:
+            doubts.append(
+                f"beside {best.key}, {' and '.join(strained)} would have to be off by more than {BOX:g} prior "
+                f"deviations (worth {more:.0f} nats, the effect {found:.0f}): another effect hides in them"
+            )
     position = 0
     for effect in best.fit.hypothesis.effects:
         for parameter in effect.parameters:

@@ -19,6 +19,9 @@ WARM_UP = 0.15
 """[s] before it in which the model is held to the measurement, so that what is not measured can settle."""
 FOLDS = 3
 _WINDOWS_PER_BLOCK = 3
+"""At least; shorter windows make blocks of _BLOCK."""
+_BLOCK = 1.2
+"""[s]"""
 _MAX_SAMPLES = 120
 MAX_WINDOWS = 60
 """More are thinned out by whole blocks: 36 s of scored motion say what a long recording has to say."""
@@ -78,6 +81,7 @@ def cut(aligned: Aligned, horizon: float = HORIZON, warm_up: float = WARM_UP, mo
     """
     length = max(round(horizon / aligned.period), 5)
     lead = max(round(warm_up / aligned.period), 1)
+    per_block = max(_WINDOWS_PER_BLOCK, round(_BLOCK / horizon))
     starts: list[int] = []
     blocks: list[int] = []
     folds: list[int] = []
@@ -87,7 +91,7 @@ def cut(aligned: Aligned, horizon: float = HORIZON, warm_up: float = WARM_UP, mo
         position, inside = run.start + lead, 0
         number += 1
         while position + length < run.stop:
-            if inside == _WINDOWS_PER_BLOCK:
+            if inside == per_block:
                 number, inside = number + 1, 0
                 position += lead
                 if position + length >= run.stop:
@@ -110,7 +114,7 @@ def cut(aligned: Aligned, horizon: float = HORIZON, warm_up: float = WARM_UP, mo
         inside, outside = (len(set(block[m].tolist())) for m in (fold == f, fold != f))
         if inside < 1 or outside < 1:
             raise GapInputError(
-                f"the recording gives {len(set(blocks))} blocks of {_WINDOWS_PER_BLOCK} windows of {horizon:g} s; "
+                f"the recording gives {len(set(blocks))} blocks of {per_block} windows of {horizon:g} s; "
                 "fitting and scoring need at least one each; record longer or name other runs as held_out"
             )
     stride = max(1, -(-length // _MAX_SAMPLES))

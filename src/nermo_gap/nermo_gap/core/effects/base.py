@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import mujoco
@@ -16,6 +16,8 @@ from nermo_gap.core.variant import Variant
 
 Array = NDArray[np.float64]
 Obj = mujoco.mjtObj
+FEW_JOINTS = 4
+"""A robot with no more joints gets values of their own in a group."""
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -152,6 +154,30 @@ def group_names(names: Sequence[str], given: dict[str, tuple[str, ...]]) -> dict
         if 1 < len(members) < len(names):
             groups.setdefault(word if word in sides else f"all_{word}s", members)
     return groups
+
+
+class AtJoints(Effect):
+    """An effect at joints. In a group of few, each has a value of its own, named after it; in a large one all share it.
+
+    Joints of one robot carry different torques: with one friction for all, the small joint's would be the large one's.
+    """
+
+    def starts(self) -> list[tuple[float, ...]]:
+        """All joints weak, all medium, all strong."""
+        return list(zip(*(p.tries for p in self.parameters), strict=True))
+
+
+def by_joint(context: Context, site: Site, make: Callable[[list[int]], Parameter]) -> list[Parameter]:
+    """Parameters of an `AtJoints`: one for all joints of a site, or one each where the robot has few of them.
+
+    ``make`` lays out the parameter of some joints.
+    """
+    if len(site.targets) < 2 or len(scalar_joints(context.model)) > FEW_JOINTS:
+        return [make(list(site.targets))]
+    names = model_names(context.model, mujoco.mjtObj.mjOBJ_JOINT)
+    made = [(names[j], make([j])) for j in site.targets]
+    count = min(len(p.tries) for _, p in made)
+    return [replace(p, name=f"{p.name}_{name}", tries=p.tries[:count]) for name, p in made]
 
 
 def scalar_joints(model: mujoco.MjModel) -> list[int]:

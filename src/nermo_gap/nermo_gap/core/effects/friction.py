@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import mujoco
+import numpy as np
 
 from nermo_gap.core.effects.base import (
+    AtJoints,
     Context,
     Effect,
     Parameter,
     amount,
+    by_joint,
     dof_of,
     joint_units,
     named_sites,
@@ -29,7 +32,7 @@ def _torque(context: Context, joints: Sequence[int]) -> float:
     return float(max(context.scales.torque[[dof_of(context.model, j) for j in joints]].mean(), 1e-9))
 
 
-class CoulombFriction(Effect):
+class CoulombFriction(AtJoints):
     """Dry friction that does not depend on speed or load, beyond what the model has."""
 
     name = "coulomb_friction"
@@ -37,14 +40,18 @@ class CoulombFriction(Effect):
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
         for site in named_sites(context, Obj.mjOBJ_JOINT, scalar_joints(context.model)):
-            unit = joint_units(context.model, site.targets[0])[1]
-            yield cls(site, [amount("friction", unit, 0.2 * _torque(context, site.targets))])
+            yield cls(site, by_joint(context, site, lambda joints: _friction(context, joints)))
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
-        variant.model.dof_frictionloss[_dofs(variant, self.site.targets)] += values[0]
+        variant.model.dof_frictionloss[_dofs(variant, self.site.targets)] += np.asarray(values)
 
 
-class ViscousFriction(Effect):
+def _friction(context: Context, joints: Sequence[int]) -> Parameter:
+    unit = joint_units(context.model, joints[0])[1]
+    return amount("friction", unit, 0.2 * _torque(context, joints))
+
+
+class ViscousFriction(AtJoints):
     """Friction in proportion to speed, beyond (or, negative, below) what the model has."""
 
     name = "viscous_friction"
@@ -59,12 +66,12 @@ class ViscousFriction(Effect):
         model = context.model
         joints = [j for j in scalar_joints(model) if model.jnt_stiffness[j] == 0]
         for site in named_sites(context, Obj.mjOBJ_JOINT, joints):
-            yield cls(site, [_damping(context, site.targets)])
+            yield cls(site, by_joint(context, site, lambda joints: _damping(context, joints)))
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         dofs = _dofs(variant, self.site.targets)
         damping = variant.model.dof_damping
-        damping[dofs] = (damping[dofs] + values[0]).clip(min=0.0)
+        damping[dofs] = (damping[dofs] + np.asarray(values)).clip(min=0.0)
 
 
 class JointDamping(ViscousFriction):
@@ -82,7 +89,7 @@ class JointDamping(ViscousFriction):
         model = context.model
         joints = [j for j in scalar_joints(model) if model.jnt_stiffness[j] > 0]
         for site in named_sites(context, Obj.mjOBJ_JOINT, joints):
-            yield cls(site, [_damping(context, site.targets)])
+            yield cls(site, by_joint(context, site, lambda joints: _damping(context, joints)))
 
 
 def _damping(context: Context, joints: Sequence[int]) -> Parameter:
@@ -140,21 +147,25 @@ class LoadFriction(Effect):
         variant.friction.load[_dofs(variant, self.site.targets)] += values[0]
 
 
-class Armature(Effect):
+class Armature(AtJoints):
     """Inertia of motor and gear as felt at the joint, beyond (or below) what the model has."""
 
     name = "armature"
 
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
-        model = context.model
-        for site in named_sites(context, Obj.mjOBJ_JOINT, scalar_joints(model)):
-            dofs = [dof_of(model, j) for j in site.targets]
-            scale = 0.3 * float(context.scales.inertia[dofs].mean())
-            nominal = float(model.dof_armature[dofs].min())
-            unit = "kg m^2" if joint_units(model, site.targets[0])[0] == "rad" else "kg"
-            tries = [0.2, 0.7, 2.5] + ([-0.6 * nominal / scale] if nominal > 0.05 * scale else [])
-            yield cls(site, [amount("inertia", unit, scale, tries, low=-0.9 * nominal / scale, high=30.0)])
+        for site in named_sites(context, Obj.mjOBJ_JOINT, scalar_joints(context.model)):
+            yield cls(site, by_joint(context, site, lambda joints: _inertia(context, joints)))
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
-        variant.model.dof_armature[_dofs(variant, self.site.targets)] += values[0]
+        variant.model.dof_armature[_dofs(variant, self.site.targets)] += np.asarray(values)
+
+
+def _inertia(context: Context, joints: Sequence[int]) -> Parameter:
+    model = context.model
+    dofs = [dof_of(model, j) for j in joints]
+    scale = 0.3 * float(context.scales.inertia[dofs].mean())
+    nominal = float(model.dof_armature[dofs].min())
+    unit = "kg m^2" if joint_units(model, joints[0])[0] == "rad" else "kg"
+    tries = [0.2, 0.7, 2.5] + ([-0.6 * nominal / scale] if nominal > 0.05 * scale else [])
+    return amount("inertia", unit, scale, tries, low=-0.9 * nominal / scale, high=30.0)

@@ -8,10 +8,12 @@ import mujoco
 import numpy as np
 
 from nermo_gap.core.effects.base import (
+    AtJoints,
     Context,
     Effect,
     Parameter,
     amount,
+    by_joint,
     dof_of,
     joint_units,
     named_sites,
@@ -29,7 +31,7 @@ def _sprung(model: mujoco.MjModel) -> list[int]:
     return [j for j in scalar_joints(model) if model.jnt_stiffness[j] > 0]
 
 
-class JointStiffness(Effect):
+class JointStiffness(AtJoints):
     """The spring of a joint is softer (fatigue, another material) or stiffer; a joint without one gains a spring."""
 
     name = "joint_stiffness"
@@ -40,18 +42,23 @@ class JointStiffness(Effect):
         for site in named_sites(context, Obj.mjOBJ_JOINT, _sprung(model)):
             yield cls(site, [ratio(tries=(0.4, 0.7, 1.4, 2.0), low=0.02)], "factor")
         for site in named_sites(context, Obj.mjOBJ_JOINT, set(scalar_joints(model)) - set(_sprung(model))):
-            dofs = [dof_of(model, j) for j in site.targets]
-            swing = float(np.mean(context.scales.high[dofs] - context.scales.low[dofs])) or 1.0
-            angle, force = joint_units(model, site.targets[0])
-            size = 0.4 * float(max(context.scales.torque[dofs].mean(), 1e-9)) / swing
-            yield cls(site, [amount("stiffness", f"{force}/{angle}", size)], "added")
+            yield cls(site, by_joint(context, site, lambda joints: _added(context, joints)), "added")
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         targets = list(self.site.targets)
         if self.form == "factor":
             variant.model.jnt_stiffness[targets] *= values[0]
         else:
-            variant.model.jnt_stiffness[targets] += values[0]
+            variant.model.jnt_stiffness[targets] += np.asarray(values)
+
+
+def _added(context: Context, joints: Sequence[int]) -> Parameter:
+    """Of a spring where there is none."""
+    dofs = [dof_of(context.model, j) for j in joints]
+    swing = float(np.mean(context.scales.high[dofs] - context.scales.low[dofs])) or 1.0
+    angle, force = joint_units(context.model, joints[0])
+    size = 0.4 * float(max(context.scales.torque[dofs].mean(), 1e-9)) / swing
+    return amount("stiffness", f"{force}/{angle}", size)
 
 
 class JointRestAngle(Effect):

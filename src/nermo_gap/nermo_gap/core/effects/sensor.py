@@ -12,13 +12,18 @@ from nermo_gap.core.variant import Variant
 
 
 def sensor_sites(plant: Plant) -> list[Site]:
-    """One site for each output; named as the sensor, or as what the map names in its place."""
+    """One site for each output: `name[:quantity][:component]`.
+
+    The name is that of the sensor, or of the joint, body, site or tendon that the map names in its place; then a
+    quantity that is not its position follows, and the component of one that has several.
+    """
     sites: dict[str, Site] = {}
     for i, channel in enumerate(plant.outputs):
         name = channel.sensor
         if name.startswith("gap:"):
-            _, _, target, quantity = name.split(":", 3)
-            name = target if quantity == "position" and target not in sites else f"{target}:{quantity}"
+            _, _, name, quantity = name.split(":", 3)
+            name += "" if quantity == "position" else f":{quantity}"
+        name += f":{channel.part}" if channel.part else ""
         if name in sites:
             name = f"{name}:{channel.column}"
         sites[name] = Site(name, (i,))
