@@ -233,6 +233,8 @@ class _Outcome:
 def _inject(rig: Rig, injection: Injection, wait: float) -> _Outcome:
     rig.release()
     time.sleep(wait)
+    # On a busy machine it may just hold still because commands came late.
+    rig.until(lambda: rig.state() == "follow", "it walks")
     rig.points()
     seen, begin = len(rig.states()), time.monotonic_ns()
     injection.do(rig)
