@@ -22,6 +22,7 @@ MARGIN_S = 0.2
 """A state that comes later than its time and this is late: two control ticks, one exchange, and a busy machine."""
 BOOT_S = 0.3
 """After a brown-out the boards need this until they can say that they are limp; they are so at once."""
+_TRIALS = 5
 WATCHDOG_S = 0.5
 """Of the device (register watchdog)."""
 
@@ -230,11 +231,19 @@ class _Outcome:
     executed_after: int
 
 
+def _walk(rig: Rig, seconds: float) -> None:
+    """Lets the robot walk for a while. On a busy machine something may stop it meanwhile: then it walks again."""
+    for _ in range(_TRIALS):
+        rig.release()
+        seen = len(rig.states())
+        time.sleep(seconds)
+        if rig.state() == "follow" and len(rig.states()) == seen:
+            return
+    raise CommandError(f"the robot does not walk for {seconds:.2g} s, {_TRIALS} times: {rig.states()[-1]}")
+
+
 def _inject(rig: Rig, injection: Injection, wait: float) -> _Outcome:
-    rig.release()
-    time.sleep(wait)
-    # On a busy machine it may just hold still because commands came late.
-    rig.until(lambda: rig.state() == "follow", "it walks")
+    _walk(rig, wait)
     rig.points()
     seen, begin = len(rig.states()), time.monotonic_ns()
     injection.do(rig)
