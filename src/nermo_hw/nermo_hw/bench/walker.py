@@ -167,8 +167,11 @@ class Walker:
 
 
 def coded(number: int) -> dict[str, float]:
-    """Positions [rad] by which a command's number is known: a counter, and two that no posture has by chance."""
-    checks = {servo: STEP * (number * prime % 20) for servo, prime in zip(CHECK_SERVOS, (7, 13), strict=True)}
+    """Positions [rad] by which a command's number is known: a counter, and two that no posture has.
+
+    Postures have them at 0, a crouching robot too.
+    """
+    checks = {servo: STEP * (1 + number * prime % 20) for servo, prime in zip(CHECK_SERVOS, (7, 13), strict=True)}
     return {COUNTER_SERVO: FIRST + STEP * number, **checks}
 
 
