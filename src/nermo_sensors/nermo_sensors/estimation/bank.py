@@ -50,8 +50,11 @@ class FilterBank(Protocol):
         reading, a number or (B,).
         """
 
-    def raise_to(self, index: int, bound: Array, use: Mask) -> None:
-        """Takes in that a state is at least `bound` (B,): the Gaussian cut off there, by its first two moments."""
+    def raise_to(self, index: int, bound: Array, use: Mask, spread: Any = 0.0) -> None:
+        """Takes in that a state is at least `bound` (B,): the Gaussian cut off there, by its first two moments.
+
+        spread: variance of the bound itself, a number or (B,).
+        """
 
 
 class KalmanBank:
@@ -80,10 +83,10 @@ class KalmanBank:
         self.P = 0.5 * (P + P.transpose(0, 2, 1))
         return np.asarray(expected)
 
-    def raise_to(self, index: int, bound: Array, use: Mask) -> None:
+    def raise_to(self, index: int, bound: Array, use: Mask, spread: Any = 0.0) -> None:
         if not use.any():
             return
-        variance = self.P[:, index, index]
+        variance = self.P[:, index, index] + spread
         deviation = np.sqrt(variance)
         shift, share = cut_below((bound - self.x[:, index]) / deviation)
         K = np.where(use[:, None], self.P[:, :, index] / variance[:, None], 0.0)
@@ -132,10 +135,11 @@ class FilterpyBank:
                 one.update(np.array([y]), lambda _, H=H: H[None, :], lambda _: np.zeros(1), R=np.array([[R]]))
         return expected
 
-    def raise_to(self, index: int, bound: Array, use: Mask) -> None:
-        for one, lowest, used in zip(self._filters, bound, use, strict=True):
+    def raise_to(self, index: int, bound: Array, use: Mask, spread: Any = 0.0) -> None:
+        spreads = np.broadcast_to(spread, bound.shape)
+        for one, lowest, used, apart in zip(self._filters, bound, use, spreads, strict=True):
             if used:
-                variance = one.P[index, index]
+                variance = one.P[index, index] + apart
                 deviation = np.sqrt(variance)
                 shift, share = cut_below((lowest - one.x[index]) / deviation)
                 K = one.P[:, index] / variance

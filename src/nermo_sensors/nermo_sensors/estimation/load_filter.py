@@ -87,7 +87,8 @@ class LoadFilter:
             plain = present & believed[0] & ~saturated
             self._take(0, voltage, model.piezoresistive(bank.x, voltage), model.piezoresistive_variance, plain)
             if saturated.any():
-                bank.raise_to(0, bound, saturated & present & believed[0] & (bank.x[:, 0] < bound))
+                below = saturated & present & believed[0] & (bank.x[:, 0] < bound)
+                bank.raise_to(0, bound, below, model.bound_variance)
                 self.surprise[0, saturated] = np.nan
         else:
             self.surprise[0] = np.nan

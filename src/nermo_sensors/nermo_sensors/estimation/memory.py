@@ -65,6 +65,9 @@ class MemoryModel:
         self._noise = noise
         self.piezoresistive_variance: Any = noise.piezoresistive
         self.piezoelectric_variance: Any = noise.piezoelectric
+        # The threshold is a reading like any other, and where the curve is flat it says little about the load.
+        slope = self._volts * float(self._law.slope(self._law.force(saturated)))
+        self.bound_variance: Any = noise.piezoresistive / slope**2
         self._prepared: _Prepared | None = None
 
     def start(self, count: int) -> tuple[Array, Array]:

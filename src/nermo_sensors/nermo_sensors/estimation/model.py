@@ -30,6 +30,8 @@ class LoadModel(Protocol):
     piezoresistive_variance: Any
     """Of a reading [V^2], a number or (B,)."""
     piezoelectric_variance: Any
+    bound_variance: Any
+    """Of the load that a saturated reading proves [N^2]."""
 
     def start(self, count: int) -> tuple[Array, Array]:
         """States (B, n) and covariances (B, n, n) before any reading."""

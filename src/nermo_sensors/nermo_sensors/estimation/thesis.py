@@ -30,6 +30,7 @@ class _PairModel:
     states: tuple[str, ...]
     piezoresistive_variance: Any
     piezoelectric_variance: Any
+    bound_variance: Any = 0.0
 
     def __init__(self, pair: PairCalibration) -> None:
         rising, falling = (Sigmoid(s.a, s.b, s.c, s.d) for s in (pair.rising, pair.falling))

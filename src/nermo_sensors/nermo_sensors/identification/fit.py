@@ -53,6 +53,7 @@ def fit(
     predict: Callable[[dict[str, float]], Array],
     measured: Array,
     correlated_samples: int,
+    weight: Array | None = None,
 ) -> Fit:
     """Finds the parameters with which `predict` comes closest to `measured` [V].
 
@@ -61,6 +62,7 @@ def fit(
         predict: The model; shape (n,) [V].
         measured: Shape (n,) [V].
         correlated_samples: Over how many samples residuals may hang together, for the confidence intervals.
+        weight: Of each sample's residual, shape (n,); all alike where not given.
 
     Raises:
         UnidentifiableError: The data say nothing about a parameter, or about it apart from another one.
@@ -71,25 +73,28 @@ def fit(
     upper = np.array([unknowns[name].upper for name in names])
     scale = np.maximum(np.abs(start), 1e-3 * (upper - lower))
 
+    weighing = np.ones_like(measured) if weight is None else weight
+
     def residuals(values: Array) -> Array:
-        return predict(dict(zip(names, values.tolist(), strict=True))) - measured
+        return weighing * (predict(dict(zip(names, values.tolist(), strict=True))) - measured)
 
     found = least_squares(residuals, np.clip(start, lower, upper), bounds=(lower, upper), x_scale=scale)
     jacobian = found.jac * scale
-    _refuse_blind(names, unknowns, jacobian, float(np.std(measured)))
+    _refuse_blind(names, unknowns, jacobian, float(np.std(weighing * measured)))
     covariance = _covariance(jacobian, found.fun, correlated_samples) * np.outer(scale, scale)
     deviation = np.sqrt(np.diag(covariance))
     width = norm.ppf(0.975) * deviation
     _refuse_vague(names, unknowns, found.x, width, lower, upper)
+    middle = np.average(measured, weights=weighing**2)
     return Fit(
         values=dict(zip(names, found.x.tolist(), strict=True)),
         interval={
             name: (float(max(value - w, low)), float(min(value + w, high)))
             for name, value, w, low, high in zip(names, found.x, width, lower, upper, strict=True)
         },
-        predicted=measured + found.fun,
-        residuals=-found.fun,
-        r_squared=1.0 - float(np.sum(found.fun**2) / np.sum((measured - measured.mean()) ** 2)),
+        predicted=measured + found.fun / weighing,
+        residuals=-found.fun / weighing,
+        r_squared=1.0 - float(np.sum(found.fun**2) / np.sum((weighing * (measured - middle)) ** 2)),
     )
 
 

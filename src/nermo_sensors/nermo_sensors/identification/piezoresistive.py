@@ -22,6 +22,10 @@ _LIGHT = "forces well below saturation"
 _LONG = "minutes under load, and some without"
 _CORRELATION = 0.5
 """For so long residuals may hang together [s]."""
+_SLOW = 0.4
+"""A sample counts in full while its load would take longer than this through the whole range [s]. Whatever lags behind
+the cell (a bench's low-pass filter, say) smears the corner of saturation by rate times lag, and the curve's rounding
+and hysteresis would take that for their own."""
 
 
 def fit_pair(recording: BenchRecording) -> tuple[PairCalibration, Fit]:
@@ -57,9 +61,10 @@ def fit_pair(recording: BenchRecording) -> tuple[PairCalibration, Fit]:
 
 
 def fit_memory(recording: BenchRecording, amplifier: NonInvertingAmplifier) -> tuple[MemoryCalibration, Fit]:
-    """Curve, reversal hysteresis and creep in one. Raises UnidentifiableError."""
+    """Curve, reversal hysteresis and creep in one, from the slow samples above all. Raises UnidentifiableError."""
     force, voltage = recording.force, recording.piezoresistive
-    _refuse_one_way(force, force_rate(recording))
+    rate = force_rate(recording)
+    _refuse_one_way(force, rate)
     _refuse_short(recording)
     conductance = amplifier.conductance(voltage)
     low, high = (float(np.percentile(conductance, q)) for q in (1, 99))
@@ -83,7 +88,8 @@ def fit_memory(recording: BenchRecording, amplifier: NonInvertingAmplifier) -> t
         creep = values["creep_gain"] * _lagged(force, recording.period, values["creep_time"])
         return np.asarray(amplifier.voltage(law.conductance(felt) * (1.0 + creep)))  # type: ignore[arg-type]
 
-    result = fit(unknowns, predict, voltage, _lags(recording))
+    weight = 1.0 / np.hypot(1.0, rate * _SLOW / force_span)
+    result = fit(unknowns, predict, voltage, _lags(recording), weight)
     calibration = MemoryCalibration(
         **result.values, feedback_resistance=amplifier.feedback_ohm, reference_voltage=amplifier.reference_v
     )
