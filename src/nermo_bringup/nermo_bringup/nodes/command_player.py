@@ -52,6 +52,7 @@ class CommandPlayer(Node):
         )
         self._start: int | None = None
         self._over = False
+        self.get_logger().info(f"waiting for somebody who listens to {self._publisher.topic_name} (nermo up)")
         if parameters.lockstep:
             self.create_subscription(Clock, "/clock", lambda message: self._play(to_nanoseconds(message.clock)), 10)
         else:
