@@ -61,6 +61,14 @@ def test_fits_are_as_good_as_the_thesis_found_them(run: BenchRecording) -> None:
     assert found.fits["rate"].r_squared < 0.6
 
 
+def test_low_pass_of_the_bench_does_not_round_the_corner(run: BenchRecording) -> None:
+    truth = load_tactile("cheetah_cub").piezoresistive
+    amplifier = NonInvertingAmplifier(truth.feedback_resistance, truth.reference_voltage)
+    found, _ = fit_memory(run, amplifier)
+    assert found.saturation_force == pytest.approx(truth.saturation_force, rel=0.03)
+    assert found.rounding == pytest.approx(truth.rounding, rel=0.5)
+
+
 def test_charge_amplifier_is_found_within_its_interval(run: BenchRecording) -> None:
     truth = load_tactile("cheetah_cub").piezoelectric
     found, result = fit_charge(run)
