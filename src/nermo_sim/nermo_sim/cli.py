@@ -41,6 +41,18 @@ _COLUMNS = {
     ),
     "footstep": ("controller", "delta_m", "step", "repeat", "displacement_m"),
     "transition": ("compensation", "repeat", "omega_rad_s", "excitation_hz", "stride_hz", "gait", "lags", "speed_m_s"),
+    "stability": (
+        *(
+            "model",
+            "integrator",
+            "stiffness_ratio",
+            "toe_friction_ratio",
+            "largest_step_s",
+            "thesis_step_s",
+            "step_cost_s",
+        ),
+        *("thesis_cost_s", "coordinates", "maximal_coordinates", "thesis_coordinates"),
+    ),
     "gaze": (
         *("robot", "gaze", "head_yaw_sd_deg", "head_pitch_sd_deg", "head_pitch_mean_deg", "body_yaw_sd_deg"),
         *("body_pitch_sd_deg", "front_share", "fell"),
@@ -260,6 +272,49 @@ def transition(
     _write(json, "transition", _run("transition", settings, out, workers), settings)
 
 
+@experiment_app.command("stability")
+def stability(
+    robot: Robot = "cheetah_cub",
+    seed: Seed = 0,
+    quick: Quick = False,
+    out: Out = RESULTS,
+    json: Json = None,
+    workers: Workers = None,
+) -> None:
+    """The pantograph leg's dynamics three ways: largest stable step, its cost, cost of transport (C chapter 2).
+
+    The times are measured: run it with one worker on a quiet machine for figures to compare.
+
+    \b
+    nermo experiment stability --workers 1
+    nermo experiment stability --quick --json stability.json
+    """
+    from nermo_sim.experiments.stability import pantograph_robot
+    from nermo_sim.report import legs
+    from nermo_sim.report.page import write_page
+
+    settings = _settings(robot, seed, quick, repeats=1, pantographs=True)
+    pantograph_robot(robot)
+    facts = _run("stability", settings, out, workers)
+    force = {name: value for name, value in facts["leg_force"].items() if isinstance(value, float)}
+    print_facts("leg force", force)
+    if facts["transport"]:
+        print_facts("cost of transport", {row["model"]: row for row in facts["transport"]})
+    pages = write_page(
+        out / "stability",
+        "The dynamics of the pantograph leg three ways",
+        f"Robot {robot}, C chapter 2{', quick' if quick else ''}.",
+        [
+            ("steps", "Largest stable step and its cost (C figures 2.5, 2.6, 2.10)", legs.largest_steps(facts)),
+            ("leg_force", "Force of the leg (C figure 2.9)", legs.leg_force(facts)),
+            ("energy", "Cost of transport", legs.energy(facts)),
+        ],
+        [("Steps", facts["rows"]), ("Cost of transport", facts["transport"])],
+    )
+    console.print(f"pictures: {', '.join(map(str, pages))}")
+    _write(json, "stability", {**facts, "pictures": pages}, settings)
+
+
 @experiment_app.command("all")
 def run_all(
     robot: Robot = "nermo_lite",
@@ -301,10 +356,10 @@ def run_all(
     _write(json, "all", facts, settings)
 
 
-def _settings(robot: str, seed: int, quick: bool, repeats: int | None) -> Any:
+def _settings(robot: str, seed: int, quick: bool, repeats: int | None, pantographs: bool = False) -> Any:
     from nermo_sim.experiments.runs import REPEATS, Settings
 
-    check_robot(robot)
+    check_robot(robot, pantographs)
     if quick:
         return Settings(robot, distance=0.5, repeats=repeats or 1, seed=seed, quick=True)
     return Settings(robot, repeats=repeats or REPEATS, seed=seed)
@@ -416,11 +471,11 @@ def run_bench(name: str, robot: str = "nermo_lite", quick: bool = False) -> dict
     raise CommandError(f"bench {name!r} is unknown: choose among {', '.join(BENCHES)} and all", status=2)
 
 
-def check_robot(robot: str) -> None:
-    """Nothing for a robot that can be loaded. Raises CommandError (status 2)."""
-    from nermo_description.robots import ParameterError, load_robot
+def check_robot(robot: str, pantographs: bool = False) -> None:
+    """Nothing for a mouse that can be loaded, or any robot. Raises CommandError (status 2)."""
+    from nermo_description.robots import ParameterError, load_any_robot, load_robot
 
     try:
-        load_robot(robot)
+        (load_any_robot if pantographs else load_robot)(robot)
     except ParameterError as error:
         raise CommandError(str(error), status=2) from error

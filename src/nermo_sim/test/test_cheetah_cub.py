@@ -73,16 +73,16 @@ def test_trots_straight_ahead_and_its_loops_hold(robot):
     gait = PantographGait()
     loop = Loop(twin, PantographController(robot, gait, twin.period_ns))
     loop.run(constant(ControlCommand(0, posture=Posture.STAND)), 0.3, record=False)
-    trot = ControlCommand(0, forward_velocity=0.126 * 2.5 / gait.duty_factor, gait="trot", gait_frequency=2.5)
+    trot = ControlCommand(0, forward_velocity=0.086 * 2.86 / gait.duty_factor, gait="trot", gait_frequency=2.86)
     recording = loop.run(constant(trot), 4.0)
     steady = recording.part(1.5, 4.0)
     assert twin.tilt() < 0.3
-    assert steady.position[-1, 0] - steady.position[0, 0] > 0.2 * 2.5
+    assert steady.position[-1, 0] - steady.position[0, 0] > 0.3 * 2.5
     assert abs(steady.position[-1, 1]) < 0.2
     assert np.degrees(steady.roll_pitch_yaw[:, :2]).std(axis=0).max() < 6.0
     assert name_gait(touch_downs(steady.foot_forces, steady.time, 0.5)) == "trot"
     rows = twin.data.efc_type[: twin.data.nefc] == mujoco.mjtConstraint.mjCNSTR_EQUALITY
-    assert np.abs(twin.data.efc_pos[: twin.data.nefc][rows]).max() < 5e-4
+    assert np.abs(twin.data.efc_pos[: twin.data.nefc][rows]).max() < 1e-3
 
 
 def test_says_what_it_cannot_do(robot):

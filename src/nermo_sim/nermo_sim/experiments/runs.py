@@ -18,7 +18,7 @@ from nermo_control.gait.knowledge_base import GaitParameters, gait_speed
 from nermo_control.types import ControlCommand, Posture
 from nermo_description.model import build_model
 from nermo_description.parameters import RobotParameters
-from nermo_description.robots import load_robot
+from nermo_description.robots import load_any_robot, load_robot
 from nermo_sim.batch import run_batch
 from nermo_sim.disturbance import Disturbance, DisturbedRun
 from nermo_sim.experiments.result_log import ResultLog, fingerprint, seed_for
@@ -68,7 +68,7 @@ class Settings:
         return fingerprint(
             {
                 "experiment": experiment,
-                "robot": load_robot(self.robot).model_dump(mode="json"),
+                "robot": load_any_robot(self.robot).model_dump(mode="json"),
                 "gait_parameters": self.gait_parameters.model_dump(mode="json"),
                 "distance": self.distance,
                 "quick": self.quick,

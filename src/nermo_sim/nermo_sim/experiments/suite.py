@@ -9,9 +9,19 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from nermo_description.robots import load_robot
+from nermo_description.robots import load_any_robot
 from nermo_sim.batch import processors
-from nermo_sim.experiments import balance, coordination, footstep, gaze, maze, straight_line, transition, turning
+from nermo_sim.experiments import (
+    balance,
+    coordination,
+    footstep,
+    gaze,
+    maze,
+    stability,
+    straight_line,
+    transition,
+    turning,
+)
 from nermo_sim.experiments.ablation import ablation
 from nermo_sim.experiments.claims import comparison, summary
 from nermo_sim.experiments.orientation import AXES
@@ -30,6 +40,7 @@ FURTHER: dict[str, ModuleType] = {
     "coordination": coordination,
     "footstep": footstep,
     "transition": transition,
+    "stability": stability,
 }
 """Experiments beyond N's, run one by one; made alike."""
 ROBOTS = ("nermo_lite", "nermo")
@@ -47,12 +58,15 @@ def run_experiment(
     experiment = {**EXPERIMENTS, **FURTHER}[name]
     cases, log_file = experiment.cases(settings.quick), folder / "runs.jsonl"
     results = run_cases(experiment.run, cases, settings, name, log_file, workers, progress)
-    facts: dict[str, Any] = {"rows": experiment.table(cases, settings, load_robot(settings.robot), results)}
+    robot = load_any_robot(settings.robot)
+    facts: dict[str, Any] = {"rows": experiment.table(cases, settings, robot, results)}
     if name == "balance":
         log = ResultLog(log_file, settings.digest(name))
         if COM_KEY not in log:
             log.add(COM_KEY, balance.com_interval(settings, workers or processors()))
         facts.update(log[COM_KEY])
+    if name == "stability":
+        facts.update(stability.further(cases, settings, stability.pantograph_robot(settings.robot), results))
     if name == "footstep":
         facts["fit"] = footstep.fit(facts["rows"])
     return facts
