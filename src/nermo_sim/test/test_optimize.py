@@ -52,6 +52,13 @@ def test_every_point_is_a_valid_set_and_found_again(point: list[float]) -> None:
     assert SPACE.parameters(SPACE.point(found)).rear == found.rear
 
 
+def test_a_phase_that_is_nearly_a_whole_cycle_is_none() -> None:
+    lag = next(i for i, variable in enumerate(SPACE.variables) if variable.name == "phase_lag")
+    point = SPACE.point(BASE)
+    point[lag] -= 4e-7 / (SPACE.variables[lag].high - SPACE.variables[lag].low)
+    assert SPACE.parameters(point).gaits["trot"].phase_offsets == BASE.gaits["trot"].phase_offsets
+
+
 def test_costs_are_ratios_to_the_baseline() -> None:
     faster = {**USUAL, "speed_m_s": 0.125, "roll_sd_deg": 6.0}
     assert parts(faster, USUAL) == {"speed": 0.8, "roll": 0.75, "cot": 1.0}
@@ -111,6 +118,7 @@ def test_the_search_finds_the_best_of_a_made_up_mouse_and_is_repeatable() -> Non
     assert [row["ground"] for row in found.unseen] == [1.0, 0.5]
     assert run(3).best == found.best
     assert run(4).best != found.best
+    assert run(0).best == run(0).best
 
 
 def test_any_executor_will_do_and_nothing_is_run_twice(tmp_path: Path) -> None:

@@ -193,7 +193,8 @@ def _run(
             out["F"] = objectives(np.atleast_2d(x))
 
     problem = Rollouts(n_var=variables, n_obj=count, xl=np.zeros(variables), xu=np.ones(variables))
-    minimize(problem, algorithm, ("n_gen", generations), seed=seed, copy_algorithm=False)
+    # CMA-ES takes a seed of 0 for "by the clock".
+    minimize(problem, algorithm, ("n_gen", generations), seed=seed + 1, copy_algorithm=False)
 
 
 def front(candidates: Sequence[Candidate]) -> list[Candidate]:

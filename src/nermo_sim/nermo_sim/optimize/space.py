@@ -77,7 +77,7 @@ class Space:
                 gait["phase_offsets"] = [
                     front_left,
                     front_right,
-                    *(round((offset + value) % 1.0, 6) for offset in rear),
+                    *(round((offset + value) % 1.0, 6) % 1.0 for offset in rear),
                 ]
         return GaitParameters.model_validate(data)
 
