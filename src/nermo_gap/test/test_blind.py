@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,18 @@ from numpy.typing import NDArray
 
 from nermo_gap.blind.cases import SMALL, Case, draw, robot_of, simulate, told
 from nermo_gap.blind.faults import FAULTS, UNKNOWN, Fault, Scale
-from nermo_gap.blind.score import confusion, judged, metrics
+from nermo_gap.blind.make import BlindError, make
+from nermo_gap.blind.run import run
+from nermo_gap.blind.score import confusion, judged, metrics, score
 from nermo_gap.blind.sites import sites
 from nermo_gap.blind.truth import PERIOD, Link, Run, Soft, Truth, build, record
 from nermo_gap.core.isolability import angle_matrix
 from nermo_gap.core.library import effect_classes
 
 Array = NDArray[np.float64]
+
+SMALL_CHECK = 10
+"""A seed that gives one case without and one with a fault."""
 
 
 def test_the_truth_shares_no_code_with_the_library() -> None:
@@ -134,6 +140,20 @@ def test_cases_depend_on_seed_and_number_and_come_in_their_shares() -> None:
 def test_the_same_case_gives_the_same_bytes() -> None:
     one, two = (simulate(Case("000", "pendulum", "none", (1, 2), 6.0, [])) for _ in range(2))
     assert all(np.array_equal(one.columns[c], two.columns[c]) for c in one.columns)
+
+
+def test_a_small_check_is_made_diagnosed_and_scored(tmp_path: Path) -> None:
+    """Two sealed cases from end to end, each diagnosed by a process of its own with the whole library."""
+    folder, answers, out = tmp_path / "check", tmp_path / "sealed", tmp_path / "results"
+    make(folder, answers, 2, seed=SMALL_CHECK, robots=("pendulum",), seconds=6.0)
+    found = run(folder, out, threads=1, baselines=False, answers=[answers])
+    assert {row["status"] for row in found.values()} == {"done"}
+    scored = score(folder, answers, out)
+    assert scored["scored"] == 2 and {r["kind"] for r in scored["cases"]} == {"none", "single"}
+    assert all(r["correct"] for r in scored["cases"]), [(r["truth"], r["verdict"], r["found"]) for r in scored["cases"]]
+    (answers / "000.json").write_text("{}")
+    with pytest.raises(BlindError, match="not the answer that was sealed"):
+        score(folder, answers, out)
 
 
 # -- the score ---------------------------------------------------------------------------------------------------------

@@ -27,6 +27,8 @@ LEFT = 0.35
 HIDDEN = 0.15
 """Another effect hides in nominal numbers at the end of what their priors allow where letting them go further is worth
 this share of what the effect that was found is worth."""
+PATTERN = 0.05
+"""Share of the residual's power that a regression predicts where there is none to speak of."""
 UNEXPLAINED, LEFT_TYPICAL = 2.0, 0.15
 """An effect that is the cause leaves a typical window with no more noise floors than this, or with no more than this
 share of what nominal numbers alone leave."""
@@ -101,7 +103,9 @@ def _doubts(selector: Selector, selection: Selection, structure: float) -> list[
         )
     typical, reference_typical = (selector.typical(s.fit.held) for s in (best, reference))
     share = (typical - 1.0) / max(reference_typical - 1.0, 1e-9)
-    if typical > UNEXPLAINED and share > LEFT_TYPICAL and not doubts:
+    # What a random effect leaves has no pattern.
+    by_chance = any(e.random for e in best.fit.hypothesis.effects) and structure < PATTERN
+    if typical > UNEXPLAINED and share > LEFT_TYPICAL and not doubts and not by_chance:
         doubts.append(
             f"the best hypothesis ({best.key}) leaves {typical:.1f} noise floors in a typical window, "
             f"{100 * share:.0f} % of what nominal numbers leave: the cause is not in the library"

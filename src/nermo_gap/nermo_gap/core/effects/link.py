@@ -42,6 +42,7 @@ class LinkJitter(Effect):
     """
 
     name = "link_jitter"
+    random = True
 
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
@@ -57,6 +58,7 @@ class LinkLoss(Effect):
     """Some commands never arrive, and the one before acts on; replayed is the command that acts on average."""
 
     name = "link_loss"
+    random = True
 
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
