@@ -243,13 +243,26 @@ def footstep(
 
     \b
     nermo experiment footstep
+    nermo experiment footstep --robot cheetah_cub
     nermo experiment footstep --quick --json footstep.json
     """
-    settings = _settings(robot, seed, quick, repeats=1)
+    from nermo_sim.report import modulation
+    from nermo_sim.report.page import write_page
+
+    settings = _settings(robot, seed, quick, repeats=1, pantographs=True)
     facts = _run("footstep", settings, out, workers)
     for name, values in facts["fit"].items():
         console.print(f"{name}: {cell(values)}")
-    _write(json, "footstep", facts, settings)
+    fit = [{"controller": name, **values} for name, values in facts["fit"].items()]
+    pages = write_page(
+        out / "footstep",
+        "Footsteps after a change of the step length",
+        f"Robot {robot}, C 3.2.5 and 3.3.3, seed {seed}{', quick' if quick else ''}.",
+        [("footsteps", "Displacement (C figures 3.5, 3.8)", modulation.footsteps(facts))],
+        [("Linear fit", fit), ("Footsteps", facts["rows"])],
+    )
+    console.print(f"pictures: {', '.join(map(str, pages))}")
+    _write(json, "footstep", {**facts, "pictures": pages}, settings)
 
 
 @experiment_app.command("transition")
@@ -266,10 +279,23 @@ def transition(
 
     \b
     nermo experiment transition
+    nermo experiment transition --robot cheetah_cub --repeats 1
     nermo experiment transition --quick --json transition.json
     """
-    settings = _settings(robot, seed, quick, repeats)
-    _write(json, "transition", _run("transition", settings, out, workers), settings)
+    from nermo_sim.report import modulation
+    from nermo_sim.report.page import write_page
+
+    settings = _settings(robot, seed, quick, repeats, pantographs=True)
+    facts = _run("transition", settings, out, workers)
+    pages = write_page(
+        out / "transition",
+        "Gaits as the excitation of the Tegotae rule rises",
+        f"Robot {robot}, C 3.3.2.3, seed {seed}{', quick' if quick else ''}.",
+        [("gaits", "Lags of the footfalls, and phases (C figure 3.7)", modulation.transitions(facts))],
+        [("Gaits", facts["rows"])],
+    )
+    console.print(f"pictures: {', '.join(map(str, pages))}")
+    _write(json, "transition", {**facts, "pictures": pages}, settings)
 
 
 @experiment_app.command("stability")

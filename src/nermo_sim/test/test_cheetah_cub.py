@@ -15,7 +15,10 @@ from nermo_description.model import build_robot
 from nermo_description.pantograph import PantographParameters
 from nermo_description.pantograph_model import set_leg
 from nermo_description.robots import load_any_robot
+from nermo_sim.disturbance import NO_DISTURBANCE
+from nermo_sim.experiments import footstep, transition
 from nermo_sim.experiments.footfalls import name_gait, touch_downs
+from nermo_sim.experiments.runs import Job, Settings
 from nermo_sim.loop import Loop, constant
 from nermo_sim.twin import Twin
 
@@ -96,3 +99,31 @@ def test_says_what_it_cannot_do(robot):
         command = ControlCommand(tick * 5_000_000, forward_velocity=0.8, gait="trot", gait_frequency=1.0)
         said += controller.step(tick * 5_000_000, command, None, start).warnings
     assert any("out of reach, clamped" in warning for warning in said)
+
+
+def test_footsteps_follow_a_shorter_step(monkeypatch):
+    """C 3.2.5 on Cheetah-Cub: 4 cm less of 12.6 are seen from the first step on, and more with each step."""
+    monkeypatch.setattr(footstep, "STEPS", 3)
+    job = Job(footstep.Case("tegotae", 0), 0, Settings("cheetah_cub"))
+    base, moved = (footstep.footsteps(job, 1.5, change) for change in (0.0, 0.04))
+    assert base.shape == moved.shape == (4, 3)
+    displacement = (moved - base).mean(axis=0)
+    assert displacement[0] < -0.005
+    assert displacement[2] < displacement[0]
+    assert (np.diff(base, axis=1) > 0.0).all()
+
+
+def test_sweep_begins_with_standing(monkeypatch):
+    monkeypatch.setattr(transition, "QUICK_HOLD", 1.0)
+    monkeypatch.setattr(transition, "THESIS_LEVELS", 4)
+    settings = Settings("cheetah_cub", quick=True, disturbance=NO_DISTURBANCE)
+    found = transition.run(Job(transition.Case(False), 0, settings))
+    assert found["levels"][0]["gait"] == "standing"
+    assert found["levels"][0]["speed_m_s"] < 0.02
+    assert [round(level["omega_rad_s"] / np.pi) for level in found["levels"]] == [0, 2]
+    phases = np.array(found["series"])
+    assert phases.shape[1] == 5
+    assert (np.diff(phases[:, 0]) > 0.0).all()
+    resting, walking = phases[:, 0] < 0.95, phases[:, 0] > 1.1
+    assert np.ptp(phases[resting, 1:], axis=0).max() < 0.1  # they rest
+    assert np.ptp(phases[walking, 1:], axis=0).min() > 1.0  # they oscillate

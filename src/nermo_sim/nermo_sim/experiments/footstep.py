@@ -1,7 +1,8 @@
 """Footstep modulation (C 3.2.5, 3.3.3): how far the footsteps move once the step length has been changed.
 
 A walk in its limit cycle is run twice, once as it is and once with a shorter step from a random moment on, without
-disturbances: what differs is the change alone. C shortens 12.6 cm by 2.5 mm to 4 cm; here all is scaled to our step.
+disturbances: what differs is the change alone. C shortens 12.6 cm by 2.5 mm to 4 cm, and so does Cheetah-Cub here; for
+a mouse all is scaled to its step.
 """
 
 from __future__ import annotations
@@ -16,10 +17,10 @@ from numpy.typing import NDArray
 
 from nermo_control.types import ControlCommand, Posture
 from nermo_description.parameters import LEGS, RobotParameters
-from nermo_sim.experiments import coordination
+from nermo_sim.experiments import coordination, pantograph
 from nermo_sim.experiments.losses import foot_motion
 from nermo_sim.experiments.runs import SETTLE, Job, Result, Settings, standing_loop
-from nermo_sim.loop import constant, schedule
+from nermo_sim.loop import Loop, constant, schedule
 from nermo_sim.recording import Recording
 from nermo_sim.twin import Twin
 
@@ -43,6 +44,22 @@ REPEATS = 10
 
 
 @dataclass(frozen=True, slots=True)
+class Steps:
+    """The steps of a robot, and by how much they are shortened."""
+
+    frequency: float
+    """[Hz]"""
+    length: float
+    """L before the change [m]."""
+    changes: tuple[float, ...]
+    """[m]"""
+
+
+MOUSE = Steps(FREQUENCY, STEP_LENGTH, CHANGES)
+CHEETAH_CUB = Steps(pantograph.FREQUENCY, pantograph.STEP_LENGTH, THESIS_CHANGES)
+
+
+@dataclass(frozen=True, slots=True)
 class Case:
     """One controller, and one moment of the change."""
 
@@ -62,10 +79,12 @@ def cases(quick: bool) -> list[Case]:
 
 def run(job: Job[Case]) -> Result:
     """All changes at one moment: displacement [m] of each footstep, the mean of the four feet."""
-    moment = LIMIT_CYCLE + float(np.random.default_rng([job.settings.seed, job.case.moment]).random()) / FREQUENCY
+    steps = CHEETAH_CUB if pantograph.has_pantograph_legs(job.settings.robot) else MOUSE
+    share = float(np.random.default_rng([job.settings.seed, job.case.moment]).random())
+    moment = LIMIT_CYCLE + share / steps.frequency
     base = footsteps(job, moment, 0.0)
     rows = []
-    for change in CHANGES[1::3] if job.settings.quick else CHANGES:
+    for change in steps.changes[1::3] if job.settings.quick else steps.changes:
         moved = footsteps(job, moment, change)
         for step in range(min(base.shape[1], moved.shape[1], STEPS)):
             rows.append(
@@ -76,20 +95,34 @@ def run(job: Job[Case]) -> Result:
 
 def footsteps(job: Job[Case], moment: float, change: float) -> Array:
     """Places of the footsteps after the moment along the way [m], (4, steps): where each foot stands at mid-stance."""
+    if pantograph.has_pantograph_legs(job.settings.robot):
+        walking: Loop[Any] = pantograph.standing_pantograph(job, job.case.controller)
+        steps = CHEETAH_CUB
+        commands = [pantograph.trot(length, steps.frequency) for length in (steps.length, steps.length - change)]
+    else:
+        walking, steps = _standing_mouse(job), MOUSE
+        commands = [
+            ControlCommand(
+                0,
+                forward_velocity=length * steps.frequency / 0.5,
+                gait=coordination.GAIT,
+                gait_frequency=steps.frequency,
+            )
+            for length in (steps.length, steps.length - change)
+        ]
+    begin = walking.twin.time_ns * 1e-9
+    script = schedule([(begin, commands[0]), (begin + moment, commands[1])])
+    recording = walking.run(script, moment + (STEPS + 2) / steps.frequency)
+    return _places(recording, walking.twin, moment)
+
+
+def _standing_mouse(job: Job[Case]) -> Loop[Any]:
     loop, _ = standing_loop(Job(job.case, 0, job.settings))
     kind = job.case.controller
     case = coordination.Case("tegotae", "true") if kind == "tegotae" else coordination.Case("cpg")
     walking = coordination.walking_loop(loop.twin, case, job.settings, seed=0)
     walking.run(constant(ControlCommand(0, posture=Posture.STAND)), 0.5 * SETTLE, record=False)
-
-    begin = loop.twin.time_ns * 1e-9
-    commands = [
-        ControlCommand(0, forward_velocity=length * FREQUENCY / 0.5, gait=coordination.GAIT, gait_frequency=FREQUENCY)
-        for length in (STEP_LENGTH, STEP_LENGTH - change)
-    ]
-    script = schedule([(begin, commands[0]), (begin + moment, commands[1])])
-    recording = walking.run(script, moment + (STEPS + 2) / FREQUENCY)
-    return _places(recording, loop.twin, moment)
+    return walking
 
 
 def _places(recording: Recording, twin: Twin, moment: float) -> Array:

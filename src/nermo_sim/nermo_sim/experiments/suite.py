@@ -67,6 +67,8 @@ def run_experiment(
         facts.update(log[COM_KEY])
     if name == "stability":
         facts.update(stability.further(cases, settings, stability.pantograph_robot(settings.robot), results))
+    if name == "transition":
+        facts["series"] = transition.series(cases, results)
     if name == "footstep":
         facts["fit"] = footstep.fit(facts["rows"])
     return facts

@@ -1,7 +1,7 @@
 """Emergent gait transition (C 3.3.2.3): the excitation of the Tegotae rule is stepped up, and the body picks the gait.
 
-C steps it by pi/2 from 0 to 8 pi; the gait frequency of our command is at least 0.1 and at most 3 Hz, so here from
-pi/2 to 6 pi. The gait of each step is named from the footfalls of its second half.
+C steps it by pi/2 from 0 to 8 pi, and so does Cheetah-Cub here; the gait frequency of a mouse's command is at least 0.1
+and at most 3 Hz, so there from pi/2 to 6 pi. The gait of each step is named from the footfalls of its second half.
 """
 
 from __future__ import annotations
@@ -16,10 +16,12 @@ import numpy as np
 from nermo_control.gait.knowledge_base import MAX_GAIT_FREQUENCY
 from nermo_control.types import ControlCommand, Posture
 from nermo_description.parameters import RobotParameters
-from nermo_sim.experiments import coordination
+from nermo_sim.disturbance import DisturbedRun
+from nermo_sim.experiments import coordination, pantograph
 from nermo_sim.experiments.footfalls import name_gait, touch_down_lags, touch_downs
 from nermo_sim.experiments.runs import FALLEN, SETTLE, Job, Result, Settings, standing_loop
 from nermo_sim.loop import constant
+from nermo_sim.recording import Recording
 
 STEP = math.pi / 2.0
 """Of the excitation [rad/s]."""
@@ -28,7 +30,13 @@ HOLD, QUICK_HOLD = 10.0, 3.0
 STRIDE = 0.05
 """Step length L that is asked for throughout [m]."""
 TOUCHING = 0.15
-"""Force from which a foot counts as set down [N]."""
+"""Force from which a foot of the mouse counts as set down [N]."""
+THESIS_LEVELS = 16
+"""Steps of the excitation in C, to 8 pi."""
+SHORT_STEP = 0.086
+"""L of Cheetah-Cub throughout [m]: with 12.6 cm it falls at low excitations."""
+SERIES_EVERY = 0.05
+"""[s]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +57,9 @@ def cases(quick: bool) -> list[Case]:
 
 
 def run(job: Job[Case]) -> Result:
-    """The whole sweep, or until the mouse falls."""
+    """The whole sweep, or until the robot falls."""
+    if pantograph.has_pantograph_legs(job.settings.robot):
+        return _sweep_pantograph(job)
     loop, disturbed = standing_loop(job)
     case = coordination.Case("tegotae", "true", job.case.compensation)
     walking = coordination.walking_loop(loop.twin, case, job.settings, job.seed)
@@ -64,26 +74,59 @@ def run(job: Job[Case]) -> Result:
         recording = walking.run(
             constant(command), hold, until=lambda twin: twin.tilt() > FALLEN, before_tick=disturbed.tick
         )
-        half = recording.part(0.5 * float(recording.time[-1]), float(recording.time[-1]))
-        downs = touch_downs(half.foot_forces, half.time, TOUCHING)
-        gait, lags, reached = name_gait(downs), None, None
-        if gait != "standing":
-            found, _, reached = touch_down_lags(downs)
-            lags = [None if math.isnan(lag) else round(lag, 3) for lag in found.tolist()]
-        way = float(np.hypot(*(half.position[-1, :2] - half.position[0, :2])))
-        levels.append(
-            {
-                "omega_rad_s": number * STEP,
-                "excitation_hz": frequency,
-                "stride_hz": reached,
-                "gait": gait,
-                "lags": lags,
-                "speed_m_s": way / float(half.time[-1]),
-            }
-        )
+        levels.append(_level(number, recording, TOUCHING))
         if walking.twin.tilt() > FALLEN:
             break
     return {"levels": levels, "fell": walking.twin.tilt() > FALLEN}
+
+
+def _sweep_pantograph(job: Job[Case]) -> Result:
+    """As C does, from standing on; `series` has the oscillators' phases over time."""
+    walking = pantograph.standing_pantograph(job, "tegotae", job.case.compensation)
+    disturbed = DisturbedRun(walking.twin, job.settings.disturbance, job.seed)
+    disturbed.begin()
+    hold = QUICK_HOLD if job.settings.quick else HOLD
+    levels: list[dict[str, Any]] = []
+    series: list[list[float]] = []
+    begin, ticks = walking.twin.time_ns, round(SERIES_EVERY * 1e9 / walking.twin.period_ns)
+    count = 0
+
+    def before_tick() -> None:
+        nonlocal count
+        disturbed.tick()
+        if count % ticks == 0:
+            time = (walking.twin.time_ns - begin) * 1e-9
+            series.append([round(time, 3), *(round(phase, 3) for phase in walking.controller.phases)])
+        count += 1
+
+    for number in range(0, THESIS_LEVELS + 1, 4 if job.settings.quick else 1):
+        command = pantograph.trot(SHORT_STEP, number * STEP / (2.0 * math.pi))
+        recording = walking.run(
+            constant(command), hold, until=lambda twin: twin.tilt() > FALLEN, before_tick=before_tick
+        )
+        levels.append(_level(number, recording, pantograph.TOUCHING))
+        if walking.twin.tilt() > FALLEN:
+            break
+    return {"levels": levels, "fell": walking.twin.tilt() > FALLEN, "series": series}
+
+
+def _level(number: int, recording: Recording, touching: float) -> dict[str, Any]:
+    """What the second half of a step of the excitation was."""
+    half = recording.part(0.5 * float(recording.time[-1]), float(recording.time[-1]))
+    downs = touch_downs(half.foot_forces, half.time, touching)
+    gait, lags, reached = name_gait(downs), None, None
+    if gait != "standing":
+        found, _, reached = touch_down_lags(downs)
+        lags = [None if math.isnan(lag) else round(lag, 3) for lag in found.tolist()]
+    way = float(np.hypot(*(half.position[-1, :2] - half.position[0, :2])))
+    return {
+        "omega_rad_s": number * STEP,
+        "excitation_hz": number * STEP / (2.0 * math.pi),
+        "stride_hz": reached,
+        "gait": gait,
+        "lags": lags,
+        "speed_m_s": way / float(half.time[-1]),
+    }
 
 
 def table(cases: Sequence[Case], settings: Settings, robot: RobotParameters, results: list[list[Result]]) -> list[Any]:
@@ -93,4 +136,14 @@ def table(cases: Sequence[Case], settings: Settings, robot: RobotParameters, res
         for case, runs in zip(cases, results, strict=True)
         for repeat, one in enumerate(runs)
         for level in one["levels"]
+    ]
+
+
+def series(cases: Sequence[Case], results: list[list[Result]]) -> list[dict[str, Any]]:
+    """Time [s] and the four oscillators' phases [rad] of each sweep that has them, a list a sweep."""
+    return [
+        {"compensation": case.compensation, "repeat": repeat, "phases": one["series"]}
+        for case, runs in zip(cases, results, strict=True)
+        for repeat, one in enumerate(runs)
+        if "series" in one
     ]

@@ -9,8 +9,9 @@ from typing import Annotated, Any
 import typer
 
 from nermo_description.results import CommandError, write_results
-from nermo_sim.cli import RESULTS, Json, Quick, Robot, Seed, check_robot
+from nermo_sim.cli import RESULTS, Json, Quick, Seed, check_robot
 from nermo_sim.console import console, print_facts, print_rows, progress
+from nermo_sim.optimize.limit_cycle_command import LIMIT_CYCLE, search_limit_cycle
 
 optimize_app = typer.Typer(
     rich_markup_mode=None, add_completion=False, help="Search gait and leg parameters on the twin for a stated cost."
@@ -21,12 +22,18 @@ _METRICS = _COLUMNS[1:]
 
 @optimize_app.command()
 def optimize(
-    cost: Annotated[str, typer.Option(help="speed, roll, cot (cost of transport), or mix: a weighted mean.")] = "speed",
+    cost: Annotated[
+        str,
+        typer.Option(help="speed, roll, cot (cost of transport), or mix: a weighted mean; limit-cycle: cheetah_cub's."),
+    ] = "speed",
     weights: Annotated[str, typer.Option(help="Of a mix, as in speed=1,roll=2,cot=0.5; all 1 by default.")] = "",
     least_speed: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Share of the thesis's speed below which a set is punished.")
     ] = 0.9,
-    robot: Robot = "nermo_lite",
+    robot: Annotated[
+        str | None,
+        typer.Option(help="Name or parameter file; nermo_lite, and for limit-cycle cheetah_cub, by default."),
+    ] = None,
     gait: Annotated[str, typer.Option(help="Gait of the knowledge-base that is tuned.")] = "trot",
     frequency: Annotated[float, typer.Option(help="Gait frequency [Hz]; it stays.")] = 0.8,
     spine: Annotated[bool, typer.Option(help="With stride extension and offset compensation.")] = True,
@@ -57,6 +64,7 @@ def optimize(
     nermo optimize --cost roll --json roll.json
     nermo optimize --cost mix --weights speed=1,roll=2 --name calm
     nermo optimize --quick --executor dask://local
+    nermo optimize --cost limit-cycle --generations 40      (C 3.2.4: staged fitness, particle swarm)
     """
     from nermo_control.gait.knowledge_base import (
         GaitKnowledgeBase,
@@ -73,6 +81,10 @@ def optimize(
     from nermo_sim.optimize.search import QUICK, Budget, Search, gain, scaling
     from nermo_sim.optimize.space import Space
 
+    if cost == LIMIT_CYCLE:
+        search_limit_cycle(robot or "cheetah_cub", seed, quick, generations, executor, workers, out, json)
+        return
+    robot = robot or "nermo_lite"
     check_robot(robot)
     base, objective = GaitParameters(), Objective(weights_of(cost, weights), least_speed)  # type: ignore[arg-type]
     if gait not in base.gaits:

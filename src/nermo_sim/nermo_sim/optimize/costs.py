@@ -51,7 +51,9 @@ def weights_of(cost: Cost, text: str = "") -> dict[str, float]:
     Raises CommandError (status 2).
     """
     if cost not in get_args(Cost):
-        raise CommandError(f"--cost {cost!r} is unknown: choose among {', '.join(get_args(Cost))}", status=2)
+        raise CommandError(
+            f"--cost {cost!r} is unknown: choose among {', '.join(get_args(Cost))} and limit-cycle", status=2
+        )
     if cost != "mix":
         if text:
             raise CommandError(f"--weights belong to --cost mix, not to {cost}", status=2)

@@ -1,0 +1,82 @@
+"""Figures of C chapter 3, redrawn from our data."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+WIDTH = 9.0
+"""[in]"""
+
+
+def footsteps(facts: dict[str, Any]) -> Figure:
+    """C figures 3.5 and 3.8: displacement over change and step; a point a repeat, the surface their mean."""
+    rows = facts["rows"]
+    names = list(dict.fromkeys(row["controller"] for row in rows))
+    figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
+    for number, name in enumerate(names):
+        own = [row for row in rows if row["controller"] == name]
+        changes, steps = sorted({row["delta_m"] for row in own}), sorted({row["step"] for row in own})
+        axes = figure.add_subplot(1, len(names), number + 1, projection="3d")
+        means = np.full((len(changes), len(steps)), np.nan)
+        for i, change in enumerate(changes):
+            for j, step in enumerate(steps):
+                values = [row["displacement_m"] for row in own if (row["delta_m"], row["step"]) == (change, step)]
+                if values:
+                    means[i, j] = np.mean(values)
+        x, y = np.meshgrid(1e3 * np.array(changes), steps, indexing="ij")
+        axes.plot_surface(x, y, 1e3 * means, cmap="viridis", alpha=0.7)  # type: ignore[attr-defined]
+        axes.scatter(  # type: ignore[call-arg]
+            [1e3 * row["delta_m"] for row in own],
+            [row["step"] for row in own],
+            [1e3 * row["displacement_m"] for row in own],
+            s=4,
+            color="k",
+        )
+        fit = facts["fit"][name]
+        axes.set(xlabel="shortened by [mm]", ylabel="step", zlabel="displacement [mm]")  # type: ignore[call-arg]
+        axes.set_title(
+            f"{name}: R2 {fit['r2']:.2f}, first step right in {100.0 * fit['first_step_right']:.0f} %", fontsize="small"
+        )
+    return figure
+
+
+def transitions(facts: dict[str, Any]) -> Figure:
+    """C figure 3.7: phases relative to the rear left leg over time, or lags of the footfalls, and the gaits' names."""
+    sweeps = list(dict.fromkeys((row["compensation"], row["repeat"]) for row in facts["rows"]))
+    figure = Figure(figsize=(WIDTH, 2.6 * len(sweeps) + 0.6), layout="constrained")
+    grid = np.atleast_1d(figure.subplots(len(sweeps), 1))
+    for axes, (compensation, repeat) in zip(grid, sweeps, strict=True):
+        rows = [row for row in facts["rows"] if (row["compensation"], row["repeat"]) == (compensation, repeat)]
+        for leg, label in enumerate(("front left", "front right", "rear right")):
+            known = [row for row in rows if row["lags"] and row["lags"][leg] is not None]
+            lags = [2.0 * np.pi * row["lags"][leg] for row in known]
+            axes.plot([row["omega_rad_s"] for row in known], lags, "o", color=f"C{leg}", label=label)
+        _phases(axes, facts, compensation, repeat, [row["omega_rad_s"] for row in rows])
+        for row in rows:
+            axes.text(row["omega_rad_s"], 6.4, row["gait"].replace("_", " "), rotation=60, fontsize=7, ha="left")
+        axes.set(xlabel="excitation [rad/s]", ylabel="behind rear left [rad]", ylim=(0.0, 2.0 * np.pi))
+        axes.set_title(
+            f"compensation {'on' if compensation else 'off'}, run {repeat}", loc="left", fontsize="small", pad=42
+        )
+        axes.grid(alpha=0.3)
+    if grid[0].get_legend_handles_labels()[0]:
+        grid[0].legend(fontsize="small", loc="lower right")
+    return figure
+
+
+def _phases(axes: Any, facts: dict[str, Any], compensation: bool, repeat: int, levels: list[float]) -> None:
+    """The oscillators' differences, over the excitation that time stands for."""
+    for one in facts.get("series", []):
+        if (one["compensation"], one["repeat"]) != (compensation, repeat) or len(one["phases"]) < 2:
+            continue
+        table = np.array(one["phases"])
+        hold = table[-1, 0] / len(levels)
+        step = levels[1] - levels[0] if len(levels) > 1 else 1.0
+        place = levels[0] + step * (table[:, 0] / hold - 0.5)
+        for leg, column in enumerate((1, 2, 4)):
+            # A foot that touches down later is behind in phase.
+            behind = (table[:, 3] - table[:, column]) % (2.0 * np.pi)
+            axes.plot(place, behind, ",", color=f"C{leg}", alpha=0.5)
