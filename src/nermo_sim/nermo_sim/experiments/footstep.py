@@ -96,7 +96,7 @@ def run(job: Job[Case]) -> Result:
 def footsteps(job: Job[Case], moment: float, change: float) -> Array:
     """Places of the footsteps after the moment along the way [m], (4, steps): where each foot stands at mid-stance."""
     if pantograph.has_pantograph_legs(job.settings.robot):
-        walking: Loop[Any] = pantograph.standing_pantograph(job, job.case.controller)
+        walking: Loop[Any] = pantograph.standing_pantograph(job, pantograph.gait_of_kind(job.case.controller))
         steps = CHEETAH_CUB
         commands = [pantograph.trot(length, steps.frequency) for length in (steps.length, steps.length - change)]
     else:

@@ -43,18 +43,20 @@ def _compiled(robot: str) -> tuple[PantographParameters, mujoco.MjModel]:
     return parameters, build_model(parameters)
 
 
-def standing_pantograph(
-    job: Job[Any], kind: str, compensation: bool = False, feedback: float = FEEDBACK
-) -> Loop[PantographController]:
-    """The robot on its feet, its legs coordinated by `cpg` or `tegotae`, which is told the true loads."""
+def standing_pantograph(job: Job[Any], gait: PantographGait) -> Loop[PantographController]:
+    """The robot on its feet; a gait of the kind `tegotae` is told the true loads."""
     robot, model = _compiled(job.settings.robot)
     twin = Twin(robot, model=copy.copy(model))
-    settings = OscillatorSettings(feedback=feedback, fixed_point_compensation=compensation)
-    gait = PantographGait(kind=kind, oscillators=settings)
     controller = PantographController(robot, gait, twin.period_ns)
     loop = Loop(twin, controller, TrueLoads(twin).step)
     loop.run(constant(ControlCommand(0, posture=Posture.STAND)), STAND, record=False)
     return loop
+
+
+def gait_of_kind(kind: str) -> PantographGait:
+    """The controller's own gait, coordinated by `cpg` or `tegotae`."""
+    oscillators = OscillatorSettings(feedback=FEEDBACK, fixed_point_compensation=False)
+    return PantographGait(kind=kind, oscillators=oscillators)
 
 
 def trot(length: float, frequency: float) -> ControlCommand:

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from nermo_control.gait.knowledge_base import MAX_GAIT_FREQUENCY
+from nermo_control.oscillators.legs import OscillatorSettings
+from nermo_control.pantograph_controller import LocusShape, PantographGait
 from nermo_control.types import ControlCommand, Posture
 from nermo_description.parameters import RobotParameters
 from nermo_sim.disturbance import DisturbedRun
@@ -33,8 +35,15 @@ TOUCHING = 0.15
 """Force from which a foot of the mouse counts as set down [N]."""
 THESIS_LEVELS = 16
 """Steps of the excitation in C, to 8 pi."""
-SHORT_STEP = 0.086
-"""L of Cheetah-Cub throughout [m]: with 12.6 cm it falls at low excitations."""
+SHORT_STEP, SWEEP_FEEDBACK = 0.064, 37.8
+"""L [m] and sigma for one body weight [rad/s] of Cheetah-Cub throughout."""
+SWEEP_SHAPE = LocusShape(
+    height=0.101, step_height=0.008, compression=0.81, touch_down_angle=1.63, take_off_angle=1.70, offset=0.0
+)
+"""Its foot path: of 20 random sets the one with which it stays up longest as the excitation rises. The gait that trots
+at 2.86 Hz falls as soon as it is asked to go slowly."""
+SWEEP_REAR_OFFSET = -0.003
+"""x_o of its rear legs [m]."""
 SERIES_EVERY = 0.05
 """[s]"""
 
@@ -82,7 +91,14 @@ def run(job: Job[Case]) -> Result:
 
 def _sweep_pantograph(job: Job[Case]) -> Result:
     """As C does, from standing on; `series` has the oscillators' phases over time."""
-    walking = pantograph.standing_pantograph(job, "tegotae", job.case.compensation)
+    oscillators = OscillatorSettings(feedback=SWEEP_FEEDBACK, fixed_point_compensation=job.case.compensation)
+    gait = PantographGait(
+        kind="tegotae",
+        oscillators=oscillators,
+        front=SWEEP_SHAPE,
+        rear=SWEEP_SHAPE.model_copy(update={"offset": -0.003}),
+    )
+    walking = pantograph.standing_pantograph(job, gait)
     disturbed = DisturbedRun(walking.twin, job.settings.disturbance, job.seed)
     disturbed.begin()
     hold = QUICK_HOLD if job.settings.quick else HOLD
