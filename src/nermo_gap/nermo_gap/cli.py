@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from nermo_description.robots import ParameterError
@@ -69,12 +71,7 @@ def diagnose_command(
         _fail("a table needs --model MODEL.xml and --map MAP.yaml, or --robot where it is one of the mouse", 2)
     try:
         extra = tuple(c for path in effects or () for c in load_effects(path))
-        with _progress() as progress:
-            task = progress.add_task("align", total=1.0)
-
-            def say(stage: str, share: float, bar: Progress = progress, id_: TaskID = task) -> None:
-                bar.update(id_, description=stage, completed=share)
-
+        with _progress("align") as say:
             options = Options(seed, None, extra, {}, baselines, tuple(only or ()), say)
             if model is not None and map_ is not None:
                 plant = build_plant(load_spec(model), load_map(map_))
@@ -155,13 +152,10 @@ def explain_command(
     from nermo_gap.explain.report import explain_file, print_explanations
 
     try:
-        with _progress() as progress:
-            task = progress.add_task("experiments", total=1.0)
-
-            def say(stage: str, done: int, total: int, bar: Progress = progress, id_: TaskID = task) -> None:
-                bar.update(id_, description=stage, completed=done / max(total, 1))
-
-            report = explain_file(summary, out, only or [], effects, workers, say)
+        with _progress("experiments") as say:
+            report = explain_file(
+                summary, out, only or [], effects, workers, lambda stage, done, total: say(stage, done / max(total, 1))
+            )
     except (GapInputError, ParameterError) as error:
         _fail(str(error), 2)
     report["command"] = " ".join(["nermo gap explain", *sys.argv[2:]])
@@ -193,13 +187,10 @@ def predict_command(
         report = read_diagnosis(diagnosis)
         base = robot or str(report.get("robot_file") or report["robot"])
         applied = deviations_of(report, base)
-        with _progress() as progress:
-            task = progress.add_task("experiments", total=1.0)
-
-            def say(done: int, total: int, bar: Progress = progress, id_: TaskID = task) -> None:
-                bar.update(id_, completed=done / max(total, 1))
-
-            rows = predict(base, applied.deviations, out, quick, say)
+        with _progress("experiments") as say:
+            rows = predict(
+                base, applied.deviations, out, quick, lambda done, total: say("experiments", done / max(total, 1))
+            )
     except (GapInputError, ParameterError) as error:
         _fail(str(error), 2)
     if json_ is not None:
@@ -207,9 +198,26 @@ def predict_command(
     print_predictions(rows)
 
 
-def _progress() -> Progress:
-    columns = (TextColumn("{task.description:>16}"), BarColumn(), TimeElapsedColumn())
-    return Progress(*columns, console=Console(stderr=True), transient=True)
+@contextlib.contextmanager
+def _progress(first: str) -> Iterator[Callable[[str, float], None]]:
+    """A bar for a stage's share of 1 on a terminal, lines elsewhere."""
+    console = Console(stderr=True)
+    if console.is_terminal:
+        columns = (TextColumn("{task.description:>16}"), BarColumn(), TimeElapsedColumn())
+        with Progress(*columns, console=console, transient=True) as bar:
+            task = bar.add_task(first, total=1.0)
+            yield lambda stage, share: bar.update(task, description=stage, completed=share)
+        return
+    told = ""
+
+    def tell(stage: str, share: float) -> None:
+        nonlocal told
+        line = f"{stage}: {10 * int(10.0 * share)} %"
+        if line != told:
+            told = line
+            print(line, file=sys.stderr, flush=True)
+
+    yield tell
 
 
 def _fail(message: str, status: int) -> NoReturn:
