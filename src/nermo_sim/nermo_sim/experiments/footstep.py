@@ -56,7 +56,7 @@ class Steps:
 
 
 MOUSE = Steps(FREQUENCY, STEP_LENGTH, CHANGES)
-CHEETAH_CUB = Steps(pantograph.FREQUENCY, pantograph.STEP_LENGTH, THESIS_CHANGES)
+CHEETAH_CUB = Steps(pantograph.STEADY_FREQUENCY, pantograph.STEP_LENGTH, THESIS_CHANGES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +96,10 @@ def run(job: Job[Case]) -> Result:
 def footsteps(job: Job[Case], moment: float, change: float) -> Array:
     """Places of the footsteps after the moment along the way [m], (4, steps): where each foot stands at mid-stance."""
     if pantograph.has_pantograph_legs(job.settings.robot):
-        walking: Loop[Any] = pantograph.standing_pantograph(job, pantograph.gait_of_kind(job.case.controller))
+        gait = pantograph.steady_gait(job.case.controller)
+        walking: Loop[Any] = pantograph.standing_pantograph(job, gait)
         steps = CHEETAH_CUB
-        commands = [pantograph.trot(length, steps.frequency) for length in (steps.length, steps.length - change)]
+        commands = [pantograph.trot(gait, length, steps.frequency) for length in (steps.length, steps.length - change)]
     else:
         walking, steps = _standing_mouse(job), MOUSE
         commands = [

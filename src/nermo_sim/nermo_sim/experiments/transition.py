@@ -116,7 +116,7 @@ def _sweep_pantograph(job: Job[Case]) -> Result:
         count += 1
 
     for number in range(0, THESIS_LEVELS + 1, 4 if job.settings.quick else 1):
-        command = pantograph.trot(SHORT_STEP, number * STEP / (2.0 * math.pi))
+        command = pantograph.trot(gait, SHORT_STEP, number * STEP / (2.0 * math.pi))
         recording = walking.run(
             constant(command), hold, until=lambda twin: twin.tilt() > FALLEN, before_tick=before_tick
         )
