@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from nermo_gap.core.effects.body import gyration, moving_bodies, shift_com
 from nermo_gap.core.effects.contact import colliding, lean
 from nermo_gap.core.plant import Plant, is_servo
+from nermo_gap.core.state import semi_implicit
 from nermo_gap.core.variant import Variant
 
 Array = NDArray[np.float64]
@@ -26,6 +28,17 @@ TIMING = 0.25
 """Of a sample period plus a time step: neither stamps nor a coarse step against a continuous robot are better."""
 MEASURED_TIMING = 0.5
 """The same for inputs that were measured: filters and a bus of their own lie between them and the outputs."""
+RATE_TIMING = 0.5
+"""Of a time step: a semi-implicit step keeps rates half a step behind coordinates."""
+_RATES = (
+    mujoco.mjtSensor.mjSENS_JOINTVEL,
+    mujoco.mjtSensor.mjSENS_ACTUATORVEL,
+    mujoco.mjtSensor.mjSENS_TENDONVEL,
+    mujoco.mjtSensor.mjSENS_GYRO,
+    mujoco.mjtSensor.mjSENS_VELOCIMETER,
+    mujoco.mjtSensor.mjSENS_FRAMELINVEL,
+    mujoco.mjtSensor.mjSENS_FRAMEANGVEL,
+)
 ZERO = 0.004
 """[rad or m] of a position sensor's zero, as a share of its range of motion where that is smaller."""
 INPUT_OFFSET = 0.03
@@ -93,6 +106,9 @@ def enumerate_nuisances(plant: Plant, output_swing: Array, input_size: Array, pe
     if np.linalg.norm(model.opt.gravity) > 0:
         found += [Nuisance("pitch of gravity", lambda v, z: lean(v.model, TILT * z, 0.0))]
         found += [Nuisance("roll of gravity", lambda v, z: lean(v.model, 0.0, TILT * z))]
+    rates = [i for i, output in enumerate(plant.outputs) if output.sensor_type in _RATES]
+    if rates and len(rates) < len(plant.outputs) and semi_implicit(model):
+        found.append(Nuisance("timing of rates", _lead(rates, RATE_TIMING * float(model.opt.timestep))))
     for i, output in enumerate(plant.outputs):
         if output.qpos >= 0:
             found.append(Nuisance(f"zero {output.name}", _zero(i, min(ZERO, 0.02 * float(output_swing[i])))))
@@ -164,6 +180,13 @@ def _input_zero(channel: int, sd: float) -> Callable[[Variant, float], None]:
 def _timing(sd: float) -> Callable[[Variant, float], None]:
     def apply(variant: Variant, z: float) -> None:
         variant.inputs.delay += sd * z
+
+    return apply
+
+
+def _lead(channels: Sequence[int], sd: float) -> Callable[[Variant, float], None]:
+    def apply(variant: Variant, z: float) -> None:
+        variant.outputs.lead[list(channels)] += sd * z
 
     return apply
 

@@ -296,7 +296,7 @@ class Replayer:
         """Outputs at the recorded times, (n, ns, no), through each variant's output path."""
         plant, n = self.plant, history.shape[0]
         out = np.empty((n, len(self._times), len(plant.outputs)))
-        delay = np.array([v.outputs.delay for v in variants])
+        delay = np.array([v.outputs.delay - v.outputs.lead for v in variants])
         sims = np.arange(n)[:, None]
         for i, channel in enumerate(plant.outputs):
             at = np.clip((self._times[None, :] - delay[:, i : i + 1]) / self._dt, 0.0, self._steps - 1.0)

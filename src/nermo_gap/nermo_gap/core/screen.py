@@ -80,8 +80,8 @@ def screen(
 
 
 def _moderate(starts: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
-    """Neither the weakest nor, of more than three, the strongest."""
-    return starts[1:] if len(starts) == 3 else starts[1:-1] if len(starts) == 4 else starts
+    """Of three the weaker two (a limit that is reached now and then shows little when far lower), of four the inner."""
+    return starts[:2] if len(starts) == 3 else starts[1:-1] if len(starts) == 4 else starts
 
 
 def _ranked(

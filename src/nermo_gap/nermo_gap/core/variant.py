@@ -105,6 +105,8 @@ class OutputPath:
     """[s]"""
     limit: Array
     """Largest absolute value."""
+    lead: Array
+    """[s] by which an output is read later: a time step's own error, see nuisance.py."""
     turns: tuple[tuple[tuple[int, int, int], Array], ...] = ()
     """(channels x, y, z of a vector sensor, rotation matrix) pairs."""
 
@@ -112,7 +114,7 @@ class OutputPath:
     def neutral(cls, plant: Plant) -> OutputPath:
         """Nothing happens."""
         n = len(plant.outputs)
-        return cls(np.ones(n), np.zeros(n), np.zeros(n), np.full(n, np.inf))
+        return cls(np.ones(n), np.zeros(n), np.zeros(n), np.full(n, np.inf), np.zeros(n))
 
     def is_static_neutral(self) -> bool:
         """Whether the measured state can be used as recorded."""
