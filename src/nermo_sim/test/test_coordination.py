@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -62,9 +64,14 @@ def test_every_case_has_a_name_and_a_row() -> None:
     assert row["recovery_s"] == 0.5 and row["recovered"] == 1 and row["fell"] and row["repeats"] == 2
 
 
-def test_recovery_counts_from_the_push() -> None:
-    recording, _ = walk(Case("timed"), 4.0)
-    assert recovery_time(recording, 2.0) == pytest.approx(0.0, abs=0.3)
+def test_recovery_lasts_as_long_as_the_mouse_drifts_aside() -> None:
+    recording, _ = walk(Case("timed"), 8.0)
+    assert recovery_time(recording, 4.5) == pytest.approx(0.0, abs=0.3)
+    root = recording.root.copy()
+    root[:, 1] += 0.2 * np.clip(recording.time - 4.5, 0.0, 1.0)
+    assert recovery_time(replace(recording, root=root), 4.5) == pytest.approx(1.0, abs=0.1)
+    root[:, 1] += 0.2 * np.maximum(recording.time - 7.0, 0.0)
+    assert recovery_time(replace(recording, root=root), 4.5) is None
 
 
 def test_footsteps_follow_a_shorter_step(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nermo_control.controller import LOCKSTEP_MOTION, Controller
 from nermo_control.oscillators.legs import Coordination, OscillatorSettings
@@ -19,7 +20,7 @@ from nermo_control.types import ControlCommand, MotionOutput, Posture, Trajector
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_sensors.parameters import tactile_of_robot
 from nermo_sim.experiments.losses import foot_motion
-from nermo_sim.experiments.orientation import orientation_noise, steady_angles
+from nermo_sim.experiments.orientation import orientation_noise
 from nermo_sim.experiments.runs import FALLEN, SETTLE, Job, Result, Settings, full_speed, mean, spread, standing_loop
 from nermo_sim.loads import FeltLoads, TrueLoads
 from nermo_sim.loop import Loop, constant
@@ -34,7 +35,9 @@ PUSH = (0.0, 1.2, 0.0)
 PUSH_DURATION = 0.1
 """[s]"""
 CALM = 1.5
-"""The mouse has recovered once a cycle's roll deviates by no more than this times as much as before the push [1]."""
+"""The mouse has recovered once no cycle is farther from the usual one than this times what cycles were before [1]."""
+START = 1
+"""Cycles from the start that say nothing of the usual one."""
 FEEDBACK = 3.0
 """sigma for a load of one body weight [rad/s]: as large as it goes with a trot at 0.8 Hz that stays one (docs)."""
 
@@ -153,14 +156,28 @@ class _Lame:
 
 
 def recovery_time(recording: Recording, pushed: float) -> float | None:
-    """Time [s] from the push until a gait cycle's roll is as calm as before it; None where that never comes."""
+    """Time [s] from the push on after which every gait cycle is as those before it; None where that never comes.
+
+    A cycle is described by its deviations of roll and pitch and by how fast it goes sideways and turns.
+    """
     cycle = 1.0 / FREQUENCY
-    before = float(np.std(steady_angles(recording.part(0.0, pushed), FREQUENCY)[:, 0]))
-    time, roll = recording.time, recording.roll_pitch_yaw[:, 0]
-    for begin in np.arange(pushed, float(time[-1]) - cycle, 0.05):
-        if np.std(roll[(time >= begin) & (time < begin + cycle)]) <= CALM * before:
-            return float(begin - pushed)
-    return None
+    begins = np.arange(START * cycle, float(recording.time[-1]) - cycle, 0.05)
+    found = np.array([_describe(recording.part(begin, begin + cycle)) for begin in begins])
+    before, after = begins < pushed - cycle, begins >= pushed
+    usual = np.median(found[before], axis=0)
+    reach = np.abs(found[before] - usual).max(axis=0)
+    strange = begins[after][(np.abs(found[after] - usual) > CALM * reach).any(axis=1)]
+    if not len(strange):
+        return 0.0
+    return None if strange[-1] == begins[-1] else float(strange[-1] - pushed)
+
+
+def _describe(cycle: Recording) -> NDArray[np.float64]:
+    roll, pitch, yaw = cycle.roll_pitch_yaw.T
+    (dx, dy), seconds = (cycle.position[-1] - cycle.position[0])[:2], cycle.time[-1] - cycle.time[0]
+    heading, turn = float(np.unwrap(yaw).mean()), float(np.unwrap(yaw)[-1] - np.unwrap(yaw)[0])
+    aside = dy * np.cos(heading) - dx * np.sin(heading)
+    return np.array([roll.std(), pitch.std(), aside / seconds, turn / seconds])
 
 
 def step_scatter(recording: Recording, twin: Twin) -> dict[str, float | None]:
