@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from nermo_gap.core.nuisance import BOX
 from nermo_gap.core.screen import Screened, informative_windows, screen
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Progress = Callable[[str, float], None]
 
 BOOTSTRAPS = 400
@@ -224,7 +226,8 @@ class Selector:
         select = informative_windows(self.fitter, self.fitter.nominal if base is None else base, FIT_WINDOWS)
         for i, (hypothesis, start) in enumerate(jobs):
             self._say(label, i / len(jobs))
-            x = start.x if base is None else np.concatenate([base.x, start.x])
+            own = self._nearest(hypothesis, start, select) if base is None else start.x
+            x = own if base is None else np.concatenate([base.x, own])
             fits.append(self.fitter.fit(hypothesis, x, start.z, select=select))
         fits.sort(key=lambda f: f.cost)
         without = self.fitter.nominal if base is None else base
@@ -238,6 +241,23 @@ class Selector:
                     self.fitter.windows.fold[:, None] >= 0, self.fitter.mean_square(fit.residual), np.nan
                 )
         return sorted((self.scored(f) for f in fits), key=_score)
+
+    def _nearest(self, hypothesis: Hypothesis, start: Screened, select: Ints) -> Array:
+        """The best of the start and of values between the tries on its side, by true replays.
+
+        A limit or a stop acts from some value on: from the far side of it, or from far, no slope leads there.
+        """
+        (effect,) = hypothesis.effects
+        if len(effect.parameters) != 1:
+            return start.x
+        parameter = effect.parameters[0]
+        side = np.sign(start.x[0] - parameter.neutral)
+        tries = sorted(t for t in parameter.tries if (t - parameter.neutral) * side > 0)
+        between = [a + k * (b - a) for a, b in pairwise(tries) for k in (1 / 3, 2 / 3)]
+        points = [start.x, *(np.array([v]) for v in between)]
+        residuals = self.fitter.replay(hypothesis, [(x, start.z) for x in points], select)
+        costs = self.fitter.data_cost(self.fitter.mean_square(residuals, select), select)
+        return points[int(np.argmin(costs))]
 
     def _finals(self, singles: list[Scored], reference: Scored) -> tuple[list[Scored], Scored]:
         """Refit the leaders with sensitivities of their own, the start of windows judged by the leader's model."""
