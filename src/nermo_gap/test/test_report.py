@@ -18,7 +18,7 @@ from nermo_gap.core.recording import recording_from_table
 from nermo_gap.report.drawing import draw_robot
 from nermo_gap.report.evidence import Evidence, gather
 from nermo_gap.report.html import page, write_page
-from nermo_gap.report.sentences import how_far, sentences, what, where
+from nermo_gap.report.sentences import how_far, sentences, title, what, where
 from nermo_gap.report.style import svg
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
@@ -96,6 +96,22 @@ SHAPES = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body name="a"><
 <geom type="cylinder" size=".02 .1" pos="0 .3 0"/><geom type="capsule" size=".02 .1" pos="0 -.3 0"/>
 <geom type="mesh" mesh="m"/></body></worldbody>
 <asset><mesh name="m" vertex="0 0 0 .1 0 0 0 .1 0 0 0 .1"/></asset></mujoco>"""
+
+
+def test_what_is_sure_is_told_apart_from_what_is_open(found: Diagnosis) -> None:
+    value = {"value": 0.2, "unit": "N m", "ci90": [0.1, 0.3]}
+    effects = [
+        {"name": "coulomb_friction", "site": "all", "parameters": {"friction": value}},
+        {"name": "armature", "site": "elbow", "parameters": {"inertia": value}},
+    ]
+    report = found.report | {"verdict": "ambiguous", "effects": effects}
+    report |= {"equivalent": [["armature@elbow", "armature@all"], ["coulomb_friction@all", "dry@all"]]}
+    assert title(report) == "Coulomb friction everywhere, and a further cause that is not settled"
+    assert what(report).startswith("It is caused by coulomb friction everywhere (friction 0.2 N m")
+    assert what(report).endswith("which this recording cannot tell apart from armature everywhere.")
+    whole = report | {"equivalent": [["armature@elbow + coulomb_friction@all", "viscous_friction@all"]]}
+    assert title(whole) == "Several causes explain it equally well"
+    assert what(whole).startswith("It looks like coulomb friction everywhere")
 
 
 def test_any_shape_is_drawn_and_coloured_by_its_gap() -> None:

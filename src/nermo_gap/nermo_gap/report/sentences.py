@@ -30,6 +30,8 @@ def title(report: Report) -> str:
     """A headline."""
     if report["verdict"] == "effect" and len(report["effects"]) > 1:
         return f"{len(report['effects'])} causes found together"
+    if report["verdict"] == "ambiguous" and (sure := _settled(report)):
+        return f"{_capital(' and '.join(plain(_key(e)) for e in sure))}, and a further cause that is not settled"
     return TITLES[report["verdict"]]
 
 
@@ -63,13 +65,34 @@ def what(report: Report) -> str:
     if verdict == "unknown":
         reasons = "; ".join(report.get("reasons") or ["a structured residual remains"])
         return f"It is none of the effects that the library knows, or not it alone: {reasons}."
-    named = [_effect(e) for e in report["effects"]]
-    text = " and ".join(named)
-    if verdict == "ambiguous":
-        rivals = [p for group in report["equivalent"][:1] for p in group[1:]]
-        alike = ", ".join(plain(r) for r in rivals) or "others"
+    text = " and ".join(_effect(e) for e in report["effects"])
+    if verdict != "ambiguous":
+        return f"It is caused by {text}."
+    rivals = [p for group in report["equivalent"][:1] for p in group[1:]]
+    alike = ", ".join(plain(r) for r in rivals) or "others"
+    sure = _settled(report)
+    if not sure:
         return f"It looks like {text}, but this recording cannot tell that apart from {alike}."
-    return f"It is caused by {text}."
+    found = " and ".join(_effect(e) for e in sure)
+    beside = " and ".join(_effect(e) for e in report["effects"] if e not in sure)
+    return f"It is caused by {found}. Beside it there is {beside}, which this recording cannot tell apart from {alike}."
+
+
+def _settled(report: Report) -> list[dict[str, Any]]:
+    """Effects of an ambiguous verdict that all contenders have: one of the others is what is not told apart."""
+    contenders = {key for group in report["equivalent"][:1] for key in group}
+    if any(" + " in key for key in contenders):
+        return []
+    sure = [effect for effect in report["effects"] if _key(effect) not in contenders]
+    return sure if len(sure) < len(report["effects"]) else []
+
+
+def _key(effect: dict[str, Any]) -> str:
+    return f"{effect['name']}@{effect['site']}"
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _effect(effect: dict[str, Any]) -> str:
@@ -80,7 +103,7 @@ def _effect(effect: dict[str, Any]) -> str:
         parts.append(
             f"{name.replace('_', ' ')} {number(p['value'])}{unit}, 90 % between {number(low)} and {number(high)}"
         )
-    return f"{plain(effect['name'] + '@' + effect['site'])} ({'; '.join(parts)})"
+    return f"{plain(_key(effect))} ({'; '.join(parts)})"
 
 
 def how_far(report: Report) -> str:
