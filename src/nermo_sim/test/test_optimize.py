@@ -129,8 +129,8 @@ def test_any_executor_will_do_and_nothing_is_run_twice(tmp_path: Path) -> None:
         (first,) = evaluator.evaluate([BASE], trials)
         again = Evaluator(executor, ResultLog(tmp_path / "log", walk.digest()), walk)
         assert again.evaluate([BASE, BASE], trials) == [first, first]
-    assert (evaluator.rollouts, evaluator.run_now) == (2, 2)
-    assert (again.rollouts, again.run_now) == (2, 0)
+    assert (evaluator.rollouts.count, evaluator.rollouts.run_now) == (2, 2)
+    assert (again.rollouts.count, again.rollouts.run_now) == (2, 0)
     assert 0.05 < first["speed_m_s"] < 0.15
     assert first["cost_of_transport"] > 0.0
     assert first["fell"] is False

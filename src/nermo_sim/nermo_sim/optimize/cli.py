@@ -137,8 +137,9 @@ def optimize(
     for facts in unseen:
         print_facts(facts["set"], {"baseline": facts["baseline"], "best": facts["best"], "gain": facts["gain"]})
     print_facts("parameters", {"thesis": baseline["parameters"], own_name: best["parameters"]})
-    per_second = evaluator.run_now / evaluator.seconds if evaluator.run_now else None
-    console.print(f"{evaluator.rollouts} rollouts, {evaluator.run_now} of them now; saved as {own_name}: {saved}")
+    rollouts = evaluator.rollouts
+    per_second = rollouts.run_now / rollouts.seconds if rollouts.run_now else None
+    console.print(f"{rollouts.count} rollouts, {rollouts.run_now} of them now; saved as {own_name}: {saved}")
     if json is not None:
         facts = {
             "cost": cost,
@@ -151,8 +152,8 @@ def optimize(
             "front": front,
             "baseline": baseline,
             "unseen": {"rows": unseen, "gain": unseen[-1]["gain"], "cost": unseen[-1]["cost"]},
-            "rollouts": evaluator.rollouts,
-            "rollouts_now": evaluator.run_now,
+            "rollouts": rollouts.count,
+            "rollouts_now": rollouts.run_now,
             "rollouts_per_s": per_second,
             "executor": executor,
             "workers": count,

@@ -1,12 +1,11 @@
-"""Rollouts over any `concurrent.futures` executor; what is done is kept, and never done twice."""
+"""Sets of gait parameters, tried on the twin over any `concurrent.futures` executor."""
 
 from __future__ import annotations
 
 import contextlib
 import multiprocessing
-import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, ProcessPoolExecutor
 
 import numpy as np
 
@@ -14,16 +13,13 @@ from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_description.results import CommandError
 from nermo_sim.experiments.result_log import ResultLog
 from nermo_sim.optimize.rollout import Metrics, Rollout, Trial, Walk, run
+from nermo_sim.optimize.rollouts import Rollouts
 
 DASK = "dask://"
 
 
 class Evaluator:
-    """Tries sets of gait parameters.
-
-    executor: any; `rollout.run` and its jobs are picklable. log: keeps each rollout as it comes, so that a search that
-    was stopped finds its rollouts done. done: called after each rollout.
-    """
+    """Tries sets of gait parameters: `Rollouts` of walks, and their means."""
 
     def __init__(
         self,
@@ -32,38 +28,13 @@ class Evaluator:
         walk: Walk,
         done: Callable[[], None] = lambda: None,
     ) -> None:
-        self._executor, self._log, self._walk, self._done = executor, log, walk, done
-        self._used: set[str] = set()
-        self.run_now = 0
-        """Rollouts that were not in the log."""
-        self.seconds = 0.0
-        """Time spent on them."""
-
-    @property
-    def rollouts(self) -> int:
-        """Different rollouts that were asked for."""
-        return len(self._used)
+        self._walk = walk
+        self.rollouts = Rollouts(run, executor, log, done)
 
     def evaluate(self, candidates: Sequence[GaitParameters], trials: Sequence[Trial]) -> list[Metrics]:
         """The mean over the trials of each candidate."""
         jobs = [[Rollout(self._walk, candidate, trial) for trial in trials] for candidate in candidates]
-        wanted = {job.key: job for each in jobs for job in each}
-        missing = [job for key, job in wanted.items() if key not in self._log]
-        begin = time.monotonic()
-        futures = {self._executor.submit(run, job): job for job in missing}
-        for _ in range(sum(key not in self._used for key in wanted) - len(missing)):
-            self._done()
-        try:
-            for future in as_completed(futures):
-                self._log.add(futures[future].key, future.result())
-                self._done()
-        finally:
-            for future in futures:
-                future.cancel()
-        self._used.update(wanted)
-        self.run_now += len(missing)
-        self.seconds += time.monotonic() - begin
-        return [_mean([self._log[job.key] for job in each]) for each in jobs]
+        return [_mean(each) for each in self.rollouts.results(jobs)]
 
 
 def _mean(runs: Sequence[Metrics]) -> Metrics:

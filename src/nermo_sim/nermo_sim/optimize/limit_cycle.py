@@ -10,9 +10,8 @@ from __future__ import annotations
 import copy
 import functools
 import math
-import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -32,6 +31,7 @@ from nermo_sim.experiments.pantograph import FREQUENCY, STEP_LENGTH, TOUCHING
 from nermo_sim.experiments.result_log import ResultLog, fingerprint, seed_for
 from nermo_sim.experiments.runs import FALLEN
 from nermo_sim.loop import Loop, constant
+from nermo_sim.optimize.rollouts import Rollouts
 from nermo_sim.recording import Recording
 from nermo_sim.twin import Twin
 
@@ -201,16 +201,15 @@ class Swarm:
     def __init__(
         self, executor: Executor, log: ResultLog, trot: Trot, seed: int, done: Callable[[], None] = lambda: None
     ) -> None:
-        self._executor, self._log, self._trot, self._seed, self._done = executor, log, trot, seed, done
+        self._rollouts = Rollouts(run, executor, log, done)
+        self._trot, self._seed = trot, seed
         self._low, self._high = np.array(list(BOUNDS.values())).T
-        self._used: set[str] = set()
-        self._now, self._seconds = 0, 0.0
 
     def search(self, particles: int, iterations: int, unseen: int = 4) -> Found:
         """Minimises `cost` of one disturbed trot; the start is the controller's own gait among random ones."""
         from pymoo.algorithms.soo.nonconvex.pso import PSO
 
-        from nermo_sim.optimize.search import _run
+        from nermo_sim.optimize.search import minimise
 
         trial = [seed_for(self._seed, "search")]
         history: list[float] = []
@@ -228,7 +227,7 @@ class Swarm:
         first = random.uniform(0.0, 1.0, (particles, len(BOUNDS)))
         first[0] = (np.array(default_values()) - self._low) / (self._high - self._low)
         algorithm = PSO(pop_size=particles, sampling=first, adaptive=True)
-        _run(algorithm, costs, len(BOUNDS), 1, iterations, self._seed)
+        minimise(algorithm, costs, len(BOUNDS), 1, iterations, self._seed)
         base = default_values()
         trials = [seed_for(self._seed, "unseen", number) for number in range(unseen)]
         return Found(
@@ -237,9 +236,9 @@ class Swarm:
             self._evaluate([base], trial)[0],
             {"baseline": self._evaluate([base], trials)[0], "best": self._evaluate([best[1]], trials)[0]},
             history,
-            len(self._used),
-            self._now,
-            self._seconds,
+            self._rollouts.count,
+            self._rollouts.run_now,
+            self._rollouts.seconds,
         )
 
     def _values(self, point: Array) -> tuple[float, ...]:
@@ -248,23 +247,7 @@ class Swarm:
     def _evaluate(self, candidates: Sequence[tuple[float, ...]], trials: Sequence[int]) -> list[dict[str, float]]:
         """The mean over the trials of each candidate."""
         jobs = [[Rollout(self._trot, values, trial) for trial in trials] for values in candidates]
-        wanted = {job.key: job for each in jobs for job in each}
-        missing = [job for key, job in wanted.items() if key not in self._log]
-        begin = time.monotonic()
-        futures = {self._executor.submit(run, job): job for job in missing}
-        for _ in range(sum(key not in self._used for key in wanted) - len(missing)):
-            self._done()
-        try:
-            for future in as_completed(futures):
-                self._log.add(futures[future].key, future.result())
-                self._done()
-        finally:
-            for future in futures:
-                future.cancel()
-        self._used.update(wanted)
-        self._now += len(missing)
-        self._seconds += time.monotonic() - begin
-        return [_mean([self._log[job.key] for job in each]) for each in jobs]
+        return [_mean(each) for each in self._rollouts.results(jobs)]
 
 
 def _mean(runs: Sequence[dict[str, Any]]) -> dict[str, float]:

@@ -137,7 +137,7 @@ class Search:
 
         algorithm = CMAES(x0=start, sigma=FIRST_STEP, popsize=budget.population, normalize=False, bipop=False)
         # What pymoo counts as the first generation is the start alone.
-        _run(algorithm, costs, len(self._space), 1, budget.generations + 1, self._seed)
+        minimise(algorithm, costs, len(self._space), 1, budget.generations + 1, self._seed)
         return history
 
     def _spread(self, start: Array, budget: Budget, trials: Sequence[Trial]) -> None:
@@ -154,7 +154,7 @@ class Search:
         drawn = start + 2.0 * FIRST_STEP * random.standard_normal((count, len(self._space)))
         first = np.clip(np.array([*known[: budget.front_population], *drawn]), 0.0, 1.0)
         algorithm = NSGA2(pop_size=budget.front_population, sampling=first)
-        _run(algorithm, ratios, len(self._space), 2, budget.front_generations, self._seed)
+        minimise(algorithm, ratios, len(self._space), 2, budget.front_generations, self._seed)
 
     def _choose(self, budget: Budget) -> Candidate:
         ranked = sorted(self._tried.values(), key=self._cost)[: budget.finalists]
@@ -181,7 +181,7 @@ class Search:
         return rows
 
 
-def _run(
+def minimise(
     algorithm: Any, objectives: Callable[[Array], Array], variables: int, count: int, generations: int, seed: int
 ) -> None:
     """Lets an algorithm of pymoo minimise objectives (n, count) of points (n, variables) in [0, 1]."""
