@@ -111,6 +111,9 @@ class PantographController:
         self._legs = OscillatorLegs(period_ns, gait.kind, gait.oscillators, robot.mass * GRAVITY)  # type: ignore[arg-type]
         self._walks = False
         self._length = 0.0
+        self.landings = [0.0] * len(LEGS)
+        """How much farther ahead each foot is to land than the step length says [m]; taken over as its swing begins."""
+        self._shifts = [(0.0, 0.0)] * len(LEGS)
         self._target: tuple[float, ...] | None = None
         self._posture: Posture | None = None
         self._from: tuple[float, ...] = ()
@@ -121,6 +124,11 @@ class PantographController:
     def phases(self) -> Sequence[float]:
         """Theta of the four legs [rad], in [0, 2 pi)."""
         return self._legs.phases
+
+    @property
+    def shifts(self) -> tuple[float, ...]:
+        """How much farther ahead each foot stands, or is on its way to, because of `landings` [m]."""
+        return tuple(after for _, after in self._shifts)
 
     @property
     def step_length(self) -> float:
@@ -147,6 +155,7 @@ class PantographController:
             self._from = tuple(self._target or servo_positions)
             self._since, self._walks, self._posture = stamp, walks, command.posture
             self._length = 0.0
+            self._shifts = [(0.0, 0.0)] * len(LEGS)
             if walks:
                 self._legs.start(stamp, self._definition(command), command.gait_frequency)
             else:
@@ -179,10 +188,26 @@ class PantographController:
         for leg in range(len(LEGS)):
             shape = self._gait.front if leg < 2 else self._gait.rear
             place = self._legs.next
-            servos += self._servos(
-                leg, *shape.point(place.phases[leg] is Phase.SWING, place.fractions[leg], self._length), warnings
-            )
+            swings, fraction = place.phases[leg] is Phase.SWING, place.fractions[leg]
+            x, z = shape.point(swings, fraction, self._length)
+            servos += self._servos(leg, x + self._shift(leg, swings, fraction), z, warnings)
         return tuple(servos)
+
+    def _shift(self, leg: int, swings: bool, fraction: float) -> float:
+        """How far a leg's path is moved ahead [m]: a change is made within one swing, and held while it stands.
+
+        So one longer step is followed by steps of the usual length from the new place, until the change is taken back.
+        A leg that its load pushes back out of a swing or a stance goes on with what it had there.
+        """
+        before, after = self._shifts[leg]
+        if swings != (self._legs.now.phases[leg] is Phase.SWING):
+            pushed_back = fraction > 0.5
+            if swings:
+                before, after = after, after if pushed_back else self.landings[leg]
+            elif pushed_back:
+                after = before
+            self._shifts[leg] = before, after
+        return before + (after - before) * smooth(fraction) if swings else after
 
     def _servos(self, leg: int, x: float, z: float, warnings: list[str]) -> tuple[float, float]:
         """Hip and knee servo [rad] for a foot F at (x, z) [m], moved along its direction where it is out of reach."""

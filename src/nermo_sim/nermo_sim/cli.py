@@ -40,6 +40,10 @@ _COLUMNS = {
         *("pitch_sd_deg", "step_m", "step_sd_m", "recovery_s", "recovered", "repeats", "fell"),
     ),
     "footstep": ("controller", "delta_m", "step", "repeat", "displacement_m"),
+    "gap-step": (
+        *("controller", "change", "width_m", "runs", "crossed", "rate", "rate_low", "rate_high", "fell"),
+        "largest_change_mm",
+    ),
     "transition": ("compensation", "repeat", "omega_rad_s", "excitation_hz", "stride_hz", "gait", "lags", "speed_m_s"),
     "stability": (
         *(
@@ -265,6 +269,55 @@ def footstep(
     _write(json, "footstep", {**facts, "pictures": pages}, settings)
 
 
+@experiment_app.command("gap-step")
+def gap_step(
+    robot: Robot = "cheetah_cub",
+    seed: Seed = 0,
+    quick: Quick = False,
+    out: Out = RESULTS,
+    json: Json = None,
+    workers: Workers = None,
+    repeats: Annotated[int | None, typer.Option(min=1, help="Gaps a row; 20, or 3 with --quick.")] = None,
+    disturbed: Annotated[bool, typer.Option(help="Random friction, first pose and pushes, as elsewhere.")] = False,
+    video: Annotated[bool, typer.Option(help="Also draw a video of the first gap, each leg for itself.")] = True,
+) -> None:
+    """Steps over a trench that is seen ahead, at random distances: no change, all legs alike, each leg for itself.
+
+    A foot in the trench is a result (`crossed`), not a failure.
+
+    \b
+    nermo experiment gap-step
+    nermo experiment gap-step --repeats 50 --disturbed
+    nermo experiment gap-step --quick --json gap.json
+    """
+    from dataclasses import replace
+
+    from nermo_sim.disturbance import NO_DISTURBANCE
+    from nermo_sim.experiments import gap_step as experiment
+    from nermo_sim.experiments.stability import pantograph_robot
+    from nermo_sim.report import modulation
+    from nermo_sim.report.page import write_page
+
+    repeats = repeats or (experiment.QUICK_REPEATS if quick else experiment.REPEATS)
+    settings = _settings(robot, seed, quick, repeats, pantographs=True)
+    pantograph_robot(robot)
+    if not disturbed:
+        settings = replace(settings, disturbance=NO_DISTURBANCE)
+    facts = _run("gap-step", settings, out, workers)
+    pages = write_page(
+        out / "gap-step",
+        "Steps over a gap that is seen ahead",
+        f"Robot {robot}, C 3.2.5, seed {seed}{', disturbed' if disturbed else ''}{', quick' if quick else ''}.",
+        [("gap_steps", "Gaps crossed, and footfalls against the gap", modulation.gap_crossings(facts))],
+        [("Gaps", facts["rows"])],
+    )
+    if video:
+        case = experiment.Case("cpg", "each", experiment.WIDTHS[1])
+        pages += film(out / "gap-step" / "gap_step.mp4", *experiment.filmed(case, settings))
+    console.print(f"pictures: {', '.join(map(str, pages))}")
+    _write(json, "gap-step", {**facts, "disturbed": disturbed, "pictures": pages}, settings)
+
+
 @experiment_app.command("transition")
 def transition(
     robot: Robot = "nermo_lite",
@@ -419,15 +472,21 @@ def _straight_line_pictures(settings: Any, rows: list[dict[str, Any]], out: Path
     recording, twin = experiment.walk(Job(case, 0, settings))
     plot_run(recording, pictures[1], case.key)
     if video:
-        from nermo_sim.render import RenderingUnavailableError, save_video
-
-        try:
-            save_video(out / "trot.mp4", twin.model, recording.part(0.0, 10.0))
-            pictures.append(out / "trot.mp4")
-        except RenderingUnavailableError as error:
-            console.print(f"no video: {error}")
+        pictures += film(out / "trot.mp4", twin.model, recording.part(0.0, 10.0))
     console.print(f"pictures: {', '.join(map(str, pictures))}")
     return pictures
+
+
+def film(path: Path, model: Any, recording: Any) -> list[Path]:
+    """A video, where there is OpenGL to draw it with."""
+    from nermo_sim.render import RenderingUnavailableError, save_video
+
+    try:
+        save_video(path, model, recording)
+    except RenderingUnavailableError as error:
+        console.print(f"no video: {error}")
+        return []
+    return [path]
 
 
 bench_app = typer.Typer(

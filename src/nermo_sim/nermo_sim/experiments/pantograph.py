@@ -59,7 +59,8 @@ def has_pantograph_legs(robot: str) -> bool:
 
 
 @functools.lru_cache(maxsize=2)
-def _compiled(robot: str) -> tuple[PantographParameters, mujoco.MjModel]:
+def compiled(robot: str) -> tuple[PantographParameters, mujoco.MjModel]:
+    """A robot with pantograph legs and its model on level ground, built once a process."""
     parameters = load_any_robot(robot)
     assert isinstance(parameters, PantographParameters)
     return parameters, build_model(parameters)
@@ -67,7 +68,7 @@ def _compiled(robot: str) -> tuple[PantographParameters, mujoco.MjModel]:
 
 def standing_pantograph(job: Job[Any], gait: PantographGait) -> Loop[PantographController]:
     """The robot on its feet; a gait of the kind `tegotae` is told the true loads."""
-    robot, model = _compiled(job.settings.robot)
+    robot, model = compiled(job.settings.robot)
     twin = Twin(robot, model=copy.copy(model))
     controller = PantographController(robot, gait, twin.period_ns)
     loop = Loop(twin, controller, TrueLoads(twin).step)

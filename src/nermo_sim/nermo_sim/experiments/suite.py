@@ -15,6 +15,7 @@ from nermo_sim.experiments import (
     balance,
     coordination,
     footstep,
+    gap_step,
     gaze,
     maze,
     stability,
@@ -39,6 +40,7 @@ EXPERIMENTS: dict[str, ModuleType] = {
 FURTHER: dict[str, ModuleType] = {
     "coordination": coordination,
     "footstep": footstep,
+    "gap-step": gap_step,
     "transition": transition,
     "stability": stability,
 }
@@ -71,6 +73,8 @@ def run_experiment(
         facts["series"] = transition.series(cases, results)
     if name == "footstep":
         facts["fit"] = footstep.fit(facts["rows"])
+    if name == "gap-step":
+        facts["runs"] = gap_step.crossings(cases, results)
     return facts
 
 

@@ -52,6 +52,7 @@ def optimize(
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a processor by default.")] = None,
     out: Annotated[Path, typer.Option(help="Folder for the rollouts and pictures, in `optimize/`.")] = RESULTS,
     json: Json = None,
+    video: Annotated[bool, typer.Option(help="Of limit-cycle: also draw a video of the best gait.")] = True,
 ) -> None:
     """Search gait and leg parameters on the twin for a stated cost, and the front of speed against roll noise.
 
@@ -82,7 +83,7 @@ def optimize(
     from nermo_sim.optimize.space import Space
 
     if cost == LIMIT_CYCLE:
-        search_limit_cycle(robot or "cheetah_cub", seed, quick, generations, executor, workers, out, json)
+        search_limit_cycle(robot or "cheetah_cub", seed, quick, generations, executor, workers, out, json, video)
         return
     robot = robot or "nermo_lite"
     check_robot(robot)

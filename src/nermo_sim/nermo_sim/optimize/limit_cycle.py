@@ -110,6 +110,15 @@ def default_values() -> tuple[float, ...]:
 
 def run(rollout: Rollout) -> dict[str, float]:
     """Trots with the open-loop CPG; a fall or a simulation that runs away is a result."""
+    try:
+        recording, twin = walk(rollout)
+    except SimulationDivergedError:
+        return {"survived": 0.0, "speed_m_s": 0.0, "mismatch": 1.0, "slip": 1.0, "pitch_rad": 1.0, "roll_rad": 1.0}
+    return measure(recording, twin.model, rollout.trot.duration)
+
+
+def walk(rollout: Rollout) -> tuple[Recording, Twin[PantographParameters]]:
+    """The trot of a rollout, until its end or a fall. Raises SimulationDivergedError."""
     robot, model = _compiled(rollout.trot.robot)
     gait, frequency, length = gait_of(rollout.values)
     twin = Twin(robot, model=copy.copy(model))
@@ -117,16 +126,12 @@ def run(rollout: Rollout) -> dict[str, float]:
     disturbed = DisturbedRun(twin, rollout.trot.disturbance, rollout.trial)
     velocity = length * frequency / gait.duty_factor
     command = ControlCommand(0, forward_velocity=velocity, gait="trot", gait_frequency=frequency)
-    duration = rollout.trot.duration
-    try:
-        disturbed.begin()
-        loop.run(constant(ControlCommand(0, posture=Posture.STAND)), STAND, record=False)
-        recording = loop.run(
-            constant(command), duration, until=lambda twin: twin.tilt() > FALLEN, before_tick=disturbed.tick
-        )
-    except SimulationDivergedError:
-        return {"survived": 0.0, "speed_m_s": 0.0, "mismatch": 1.0, "slip": 1.0, "pitch_rad": 1.0, "roll_rad": 1.0}
-    return measure(recording, model, duration)
+    disturbed.begin()
+    loop.run(constant(ControlCommand(0, posture=Posture.STAND)), STAND, record=False)
+    recording = loop.run(
+        constant(command), rollout.trot.duration, until=lambda twin: twin.tilt() > FALLEN, before_tick=disturbed.tick
+    )
+    return recording, twin
 
 
 def measure(recording: Recording, model: mujoco.MjModel, duration: float) -> dict[str, float]:

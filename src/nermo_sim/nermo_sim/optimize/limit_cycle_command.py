@@ -27,16 +27,18 @@ def search_limit_cycle(
     workers: int | None,
     out: Path,
     json: Path | None,
+    video: bool = True,
 ) -> None:
-    """Searches, keeps every rollout, saves the best gait as YAML, draws the history.
+    """Searches, keeps every rollout, saves the best gait as YAML, draws the history and a video of the best.
 
     Raises CommandError, with status 2 for a robot without pantograph legs.
     """
     from nermo_sim.batch import processors
-    from nermo_sim.experiments.result_log import ResultLog
+    from nermo_sim.cli import film
+    from nermo_sim.experiments.result_log import ResultLog, seed_for
     from nermo_sim.experiments.stability import pantograph_robot
     from nermo_sim.optimize.evaluator import open_executor
-    from nermo_sim.optimize.limit_cycle import BOUNDS, Swarm, Trot, default_values, gait_of
+    from nermo_sim.optimize.limit_cycle import BOUNDS, Rollout, Swarm, Trot, default_values, gait_of, walk
 
     pantograph_robot(robot)
     particles, rounds = QUICK if quick else (PARTICLES, ITERATIONS)
@@ -69,9 +71,15 @@ def search_limit_cycle(
     columns = ("set", "stage", "value", "speed_m_s", "survived", "mismatch", "slip", "pitch_rad", "roll_rad")
     print_rows(f"{robot}, staged fitness (C table 3.4)", rows, columns)
     print_facts("parameters", dict(zip(BOUNDS, found.best, strict=True)))
-    picture = _draw(folder / "limit_cycle.png", found.history)
+    pictures = [_draw(folder / "limit_cycle.png", found.history)]
+    if video:
+        recording, twin = walk(Rollout(trot, found.best, seed_for(seed, "unseen", 0)))
+        pictures += film(folder / "limit_cycle.mp4", twin.model, recording)
     per_second = found.rollouts_now / found.seconds if found.rollouts_now else None
-    console.print(f"{found.rollouts} rollouts, {found.rollouts_now} of them now; saved: {saved}; picture: {picture}")
+    console.print(
+        f"{found.rollouts} rollouts, {found.rollouts_now} of them now; saved: {saved}; "
+        f"pictures: {', '.join(map(str, pictures))}"
+    )
     if json is not None:
         facts = {
             "cost": LIMIT_CYCLE,
@@ -87,7 +95,7 @@ def search_limit_cycle(
             "iterations": rounds,
             "executor": executor,
             "workers": count,
-            "pictures": [picture],
+            "pictures": pictures,
         }
         write_results(json, "optimize", facts, robot=robot, seed=seed)
 

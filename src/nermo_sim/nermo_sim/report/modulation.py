@@ -43,6 +43,48 @@ def footsteps(facts: dict[str, Any]) -> Figure:
     return figure
 
 
+def gap_crossings(facts: dict[str, Any]) -> Figure:
+    """Gaps crossed over their width, with 95 % intervals, and below the footfalls of all runs against one gap."""
+    rows, runs = facts["rows"], facts["runs"]
+    changes, widths = list(dict.fromkeys(row["change"] for row in rows)), sorted({row["width_m"] for row in rows})
+    kinds = list(dict.fromkeys(row["controller"] for row in rows))
+    figure = Figure(figsize=(WIDTH, 3.2 + 2.8 * len(kinds)), layout="constrained")
+    grid = figure.add_gridspec(1 + len(kinds), len(changes))
+    shares = figure.add_subplot(grid[0, :])
+    for number, change in enumerate(changes):
+        for kind, style in zip(kinds, ("o-", "s--"), strict=False):
+            own = [row for row in rows if (row["change"], row["controller"]) == (change, kind)]
+            rate = np.array([row["rate"] for row in own])
+            bars = np.abs([[row["rate_low"] for row in own], [row["rate_high"] for row in own]] - rate)
+            places = [1e3 * row["width_m"] + 0.4 * number - 0.4 + 0.15 * kinds.index(kind) for row in own]
+            shares.errorbar(places, rate, bars, fmt=style, color=f"C{number}", capsize=3, label=f"{kind}, {change}")
+    shares.set(xlabel="width of the gap [mm]", ylabel="crossed", ylim=(-0.03, 1.03))
+    shares.legend(fontsize="small", ncols=len(kinds))
+    shares.grid(alpha=0.3)
+    width = widths[len(widths) // 2]
+    for line, kind in enumerate(kinds):
+        for number, change in enumerate(changes):
+            axes = figure.add_subplot(grid[1 + line, number])
+            own = [run for run in runs if (run["controller"], run["change"], run["width_m"]) == (kind, change, width)]
+            _crossings(axes, sorted(own, key=lambda run: run["gap_m"][0]), width)
+            axes.set_title(f"{kind}, {change}: {1e3 * width:g} mm", fontsize="small")
+    return figure
+
+
+def _crossings(axes: Any, runs: list[dict[str, Any]], width: float) -> None:
+    """A line a run, a bar where a foot stood: fore legs dark, hind legs light, a cross where a foot was in the gap."""
+    axes.axvspan(0.0, 1e3 * width, color="0.8")
+    colours = {"front_left": "C0", "front_right": "C3", "rear_left": "#8fc1e8", "rear_right": "#f0a0a0"}
+    for line, run in enumerate(runs):
+        for footfall in run["footfalls"]:
+            low, high = footfall["mm"]
+            middle, half = 0.5 * (low + high), max(0.5 * (high - low), 3.0)
+            axes.plot([middle - half, middle + half], [line, line], color=colours[footfall["leg"]], lw=3.0)
+        if not run["crossed"]:
+            axes.plot(0.5e3 * width, line, "kx", ms=5)
+    axes.set(xlim=(-320.0, 320.0), xlabel="from the near edge [mm]", yticks=[])
+
+
 def transitions(facts: dict[str, Any]) -> Figure:
     """C figure 3.7: phases relative to the rear left leg over time, or lags of the footfalls, and the gaits' names."""
     sweeps = list(dict.fromkeys((row["compensation"], row["repeat"]) for row in facts["rows"]))
