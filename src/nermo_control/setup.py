@@ -23,6 +23,7 @@ setup(
             "gait_knowledge_base = nermo_control.nodes.gait_knowledge_base:main",
             "high_level_controller = nermo_control.nodes.high_level_controller:main",
             "motion_module = nermo_control.nodes.motion_module:main",
+            "pantograph_controller = nermo_control.nodes.pantograph_controller:main",
             "state_publisher = nermo_control.nodes.state_publisher:main",
             "trajectory_generator = nermo_control.nodes.trajectory_generator:main",
         ]

@@ -29,6 +29,13 @@ def test_every_variant_has_its_nodes_once(target, teleop, record):
     assert {node.namespace for node in nodes} == {"/nermo"}
 
 
+def test_cheetah_cub_has_one_controller_in_the_place_of_five_nodes():
+    nodes = {node.name: node for node in load(FILE, {"robot": "cheetah_cub", "gait_set": "best.yaml"}).nodes}
+    assert not CONTROL & nodes.keys()
+    assert {"mujoco_sim", "pantograph_controller", "leg_load_estimator", "teleop"} <= nodes.keys()
+    assert dict(nodes["pantograph_controller"].parameters)["gait_file"] == "best.yaml"
+
+
 @pytest.mark.parametrize(("target", "expected"), [("sim", True), ("serial", False)])
 def test_nodes_follow_the_clock_of_the_twin_only(target, expected):
     nodes = [node for node in load(FILE, {"target": target}).nodes if node.package == "nermo_control"]

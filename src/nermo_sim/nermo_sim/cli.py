@@ -39,6 +39,7 @@ _COLUMNS = {
         *("coordination", "loads", "compensation", "missing_leg", "speed_m_s", "speed_sd_m_s", "roll_sd_deg"),
         *("pitch_sd_deg", "step_m", "step_sd_m", "recovery_s", "recovered", "repeats", "fell"),
     ),
+    "push": (*("coordination", "loads", "push_n", "runs", "survived", "recovered", "recovery_s", "largest_roll_deg"),),
     "footstep": ("controller", "delta_m", "step", "repeat", "displacement_m"),
     "gap-step": (
         *("controller", "change", "width_m", "runs", "crossed", "rate", "rate_low", "rate_high", "fell"),
@@ -232,6 +233,40 @@ def coordination(
     """
     settings = _settings(robot, seed, quick, repeats)
     _write(json, "coordination", _run("coordination", settings, out, workers), settings)
+
+
+@experiment_app.command("push")
+def push(
+    robot: Robot = "nermo_lite",
+    seed: Seed = 0,
+    quick: Quick = False,
+    out: Out = RESULTS,
+    json: Json = None,
+    workers: Workers = None,
+    repeats: Repeats = None,
+) -> None:
+    """How hard a push aside the timed trot and Tegotae take, and how soon they have recovered (C 3.3 on the mouse).
+
+    A fall is a result (`survived`), not a failure.
+
+    \b
+    nermo experiment push
+    nermo experiment push --quick --json push.json
+    """
+    from nermo_sim.report import modulation
+    from nermo_sim.report.page import write_page
+
+    settings = _settings(robot, seed, quick, repeats)
+    facts = _run("push", settings, out, workers)
+    pages = write_page(
+        out / "push",
+        "Pushes aside",
+        f"Robot {robot}, seed {seed}{', quick' if quick else ''}.",
+        [("pushes", "Survived, and recovered when", modulation.pushes(facts))],
+        [("Pushes", facts["rows"])],
+    )
+    console.print(f"pictures: {', '.join(map(str, pages))}")
+    _write(json, "push", {**facts, "pictures": pages}, settings)
 
 
 @experiment_app.command("footstep")

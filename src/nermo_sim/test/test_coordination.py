@@ -9,7 +9,7 @@ import pytest
 
 from nermo_control.types import ControlCommand
 from nermo_sim.disturbance import NO_DISTURBANCE
-from nermo_sim.experiments import footstep
+from nermo_sim.experiments import footstep, push
 from nermo_sim.experiments.coordination import Case, cases, recovery_time, step_scatter, table, walking_loop
 from nermo_sim.experiments.runs import Job, Settings, standing_loop
 from nermo_sim.loop import constant
@@ -94,3 +94,13 @@ def test_fit_finds_slope_and_first_signs() -> None:
     found = footstep.fit(rows)["cpg"]
     assert found["slope"] == pytest.approx(-0.8, rel=0.05)
     assert 0.8 < found["r2"] < 1.0 and found["first_step_right"] == 0.5
+
+
+def test_a_hard_push_throws_the_mouse_over_and_a_soft_one_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(push, "BEFORE", 3.5)
+    monkeypatch.setattr(push, "AFTER", 2.5)
+    pair = [push.Case("tegotae", "true", force) for force in (0.5, 12.0)]
+    runs = [[push.run(Job(case, 0, SETTINGS))] for case in pair]
+    soft, hard = push.table(pair, SETTINGS, None, runs)  # type: ignore[arg-type]
+    assert soft["survived"] == 1 and hard["survived"] == 0
+    assert hard["recovery_s"] is None and hard["largest_roll_deg"] > soft["largest_roll_deg"] + 20.0

@@ -23,6 +23,7 @@ from nermo_control.gait.knowledge_base import GaitDefinition, GaitParameters, Le
 from nermo_control.path import Path
 from nermo_control.types import Phase, Posture, TrajectoryMode
 from nermo_description.parameters import LEGS, RobotParameters
+from nermo_description.robots import AnyRobot
 from nermo_interfaces import msg
 from nermo_node.time import to_message, to_nanoseconds
 
@@ -114,7 +115,7 @@ def motion_command_to_message(command: types.MotionCommand) -> msg.MotionCommand
 class ServoArrays:
     """Puts servo values that come by name into the robot's order."""
 
-    def __init__(self, robot: RobotParameters) -> None:
+    def __init__(self, robot: AnyRobot) -> None:
         self.names = list(robot.servos)
         self._seen: list[str] | None = None
         self._order: list[int] = []

@@ -18,6 +18,7 @@ from nermo_sim.experiments import (
     gap_step,
     gaze,
     maze,
+    push,
     stability,
     straight_line,
     transition,
@@ -39,6 +40,7 @@ EXPERIMENTS: dict[str, ModuleType] = {
 """Those of N chapter 6. Each has `cases(quick)`, `run(job)` and `table(cases, settings, robot, results)`."""
 FURTHER: dict[str, ModuleType] = {
     "coordination": coordination,
+    "push": push,
     "footstep": footstep,
     "gap-step": gap_step,
     "transition": transition,

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool
 
-from nermo_description.robots import load_robot
+from nermo_description.robots import load_any_robot
 from nermo_description.servo_command import RefusedCommandError, ServoCommandDoor
 from nermo_interfaces.msg import ServoCommand
 from nermo_interfaces.srv import PushRobot, ResetSimulation, StepSimulation
@@ -129,7 +129,7 @@ class MujocoSim(Node):
             noise = SensorNoise(**{name: parameters.sensor_noise * value for name, value in TYPICAL_NOISE.items()})
         self._silence = Silence()
         self._twin = Twin(
-            load_robot(parameters.robot),
+            load_any_robot(parameters.robot),
             parameters.scene,
             period_ns=round(1e9 / parameters.control_rate),
             noise=noise,

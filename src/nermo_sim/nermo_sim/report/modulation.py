@@ -43,6 +43,27 @@ def footsteps(facts: dict[str, Any]) -> Figure:
     return figure
 
 
+def pushes(facts: dict[str, Any]) -> Figure:
+    """Runs that survive a push, and when they have recovered, over the push."""
+    rows = facts["rows"]
+    figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
+    survived, recovery = figure.subplots(1, 2)
+    for kind, loads in dict.fromkeys((row["coordination"], row["loads"]) for row in rows):
+        own = [row for row in rows if (row["coordination"], row["loads"]) == (kind, loads)]
+        label = kind if loads == "-" else f"{kind}, {loads} loads"
+        survived.plot(
+            [row["push_n"] for row in own], [row["survived"] / row["runs"] for row in own], "o-", alpha=0.8, label=label
+        )
+        known = [row for row in own if row["recovery_s"] is not None]
+        recovery.plot([row["push_n"] for row in known], [row["recovery_s"] for row in known], "o-", alpha=0.8)
+    survived.set(xlabel="push for 0.1 s [N]", ylabel="did not fall", ylim=(-0.03, 1.03))
+    recovery.set(xlabel="push for 0.1 s [N]", ylabel="recovered after [s]")
+    survived.legend(fontsize="small")
+    for axes in (survived, recovery):
+        axes.grid(alpha=0.3)
+    return figure
+
+
 def gap_crossings(facts: dict[str, Any]) -> Figure:
     """Gaps crossed over their width, with 95 % intervals, and below the footfalls of all runs against one gap."""
     rows, runs = facts["rows"], facts["runs"]
