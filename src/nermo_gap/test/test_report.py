@@ -73,6 +73,13 @@ def test_the_curves_are_of_held_out_windows_and_get_closer(found: Diagnosis, evi
     assert np.mean(after) < 0.3 * np.mean(before)
 
 
+def test_the_cause_is_shown_where_it_acts(found: Diagnosis, evidence: Evidence) -> None:
+    (effect,) = found.report["effects"]
+    shown = {evidence.model.body(b).name for b in evidence.causes}
+    joints = range(evidence.model.njnt) if effect["site"] == "all" else [evidence.model.joint(effect["site"]).id]
+    assert shown == {evidence.model.body(int(evidence.model.jnt_bodyid[j])).name for j in joints}
+
+
 def test_the_ranking_has_intervals_and_marks_the_winner(evidence: Evidence) -> None:
     assert sum(r.chosen for r in evidence.ranking) == 1
     assert all(r.low <= r.high for r in evidence.ranking)
@@ -123,6 +130,8 @@ def test_any_shape_is_drawn_and_coloured_by_its_gap() -> None:
     cold = draw_robot(model, qpos, {}, {}).axes[0].patches
     assert {p.get_facecolor() for p in patches[:6]}.isdisjoint({p.get_facecolor() for p in cold[:6]})
     assert "a part" in svg(figure)
+    marked = draw_robot(model, qpos, {}, {}, [1]).axes[0].patches
+    assert {p.get_edgecolor() for p in marked[:6]}.isdisjoint({p.get_edgecolor() for p in cold[:6]})
 
 
 def test_a_page_that_cannot_be_written_is_said(found: Diagnosis, evidence: Evidence, tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from nermo_description.parameters import LEGS
 from nermo_description.robots import load_robot
 from nermo_gap.cli import gap_app
 from nermo_gap.core.align import align
+from nermo_gap.core.diagnose import Options, write_report
 from nermo_gap.core.effects.base import Context
 from nermo_gap.core.errors import GapInputError
 from nermo_gap.core.fit import Fitter, Hypothesis
@@ -31,8 +32,10 @@ from nermo_gap.core.residual import Residuals, channel_gap
 from nermo_gap.core.scales import measure_scales
 from nermo_gap.core.variant import Variant
 from nermo_gap.core.windows import cut
+from nermo_gap.report.evidence import gather
+from nermo_gap.report.html import write_page
 from nermo_gap.robots.channels import GYRO, TRACKER, command, encoder, position, resolution
-from nermo_gap.robots.diagnosis import robot_plant
+from nermo_gap.robots.diagnosis import diagnose_recordings, robot_plant
 from nermo_gap.robots.live import LiveGap
 from nermo_gap.robots.mcap_table import mcap_table
 from nermo_gap.robots.menu import MouseMenu
@@ -221,6 +224,30 @@ def test_a_weak_knee_is_told_from_its_neighbour_and_its_size_found() -> None:
     )
     assert own.cost < other.cost - 10.0
     assert own.x[0] == pytest.approx(0.6, abs=0.06)
+
+
+@pytest.mark.timeout(900)
+def test_a_whole_diagnosis_finds_slippery_ground_and_hands_it_on(tmp_path: Path) -> None:
+    def slippery(model: mujoco.MjModel) -> None:
+        model.geom_friction[:, 0] *= 0.4
+
+    np.savez(tmp_path / "walk.npz", **simulate(load_robot("nermo_lite"), SECONDS, change=slippery, seed=2))
+    options = Options(only=("ground_friction",), baselines=False, threads=1, max_windows=4)
+    found = diagnose_recordings([tmp_path / "walk.npz"], "nermo_lite", options)
+    report = found.report
+    assert report["verdict"] in ("effect", "ambiguous"), report["reasons"]
+    assert report["effects"][0]["name"] == "ground_friction"
+    assert report["effects"][0]["parameters"]["factor"]["value"] < 0.7
+    assert report["gap"]["shrink"] > 0.1
+    assert {row["phase"] for row in report["where"]} >= {"one leg up", "two or more legs up"}
+
+    write_report(report, tmp_path / "diagnosis.json")
+    html = write_page(report, gather(found), tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "ground friction" in html
+    mine = tmp_path / "mine.yaml"
+    answer = CliRunner().invoke(gap_app, ["apply", str(tmp_path / "diagnosis.json"), "--out", str(mine)])
+    assert answer.exit_code == 0, answer.output
+    assert all(d.effect == "ground_friction" and d.sites for d in load_robot(mine).deviations)
 
 
 # Robot files

@@ -38,12 +38,14 @@ from nermo_gap.core.structure import predictable_share
 from nermo_gap.core.variant import Variant
 from nermo_gap.core.verdict import Verdict, judge
 from nermo_gap.core.where import Phases, bands, locate
-from nermo_gap.core.windows import HORIZON, affordable, cut
+from nermo_gap.core.windows import HORIZON, LIGHT, affordable, cut
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 SCHEMA = "nermo_gap/diagnosis/1"
+HEAVY = Effort(hopeful=20, survivors=6, finalists=3, rounds=1, partners=4, max_effects=2)
+"""Of models with more than LIGHT degrees of freedom, which take a hundred times longer to replay than a pendulum."""
 
 
 @dataclass
@@ -62,7 +64,8 @@ class Options:
     """Which candidates make sense on this robot; all where None."""
     nuisances: Callable[[Plant, Array, Array, float], list[Nuisance]] = enumerate_nuisances
     """What may be off about this robot without being a fault; takes what `enumerate_nuisances` takes."""
-    effort: Effort = field(default_factory=Effort)
+    effort: Effort | None = None
+    """By default as much as the model is worth."""
     max_windows: int | None = None
     """By default as many as the model is worth."""
     horizon: float = HORIZON
@@ -120,7 +123,8 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     check_replay(plant, aligned.outputs[windows.rows()], replayer.run([nominal])[0])
     residuals = Residuals.build(replayer, nominal, trusted=options.trusted)
     fitter = Fitter(residuals, nuisances)
-    selector = Selector(fitter, effects, options.seed, options.progress, options.effort)
+    effort = options.effort or (HEAVY if plant.model.nv > LIGHT else Effort())
+    selector = Selector(fitter, effects, options.seed, options.progress, effort)
     selection = selector.run()
     structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
     verdict = judge(selector, selection, structure)

@@ -18,17 +18,19 @@ from nermo_gap.core.plant import Plant, model_names
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.residual import Residuals
 from nermo_gap.core.variant import Variant
-from nermo_gap.core.windows import Windows, cut
+from nermo_gap.core.windows import LIGHT, Windows, cut
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 
 RIVALS = 3
 """Hypotheses that are compared, the winner among them."""
-TRIED = 8
-"""Experiments that are worked out in full: those on which the rivals as fitted differ most."""
+TRIED, TRIED_HEAVY = 8, 3
+"""Experiments that are worked out in full: those on which the rivals as fitted differ most; fewer of a heavy model."""
 WORTH = 1.0
 """[nats] An experiment that promises less settles nothing."""
+FEWEST = 9
+"""Windows of an experiment that are looked at, at least; half as many as of the recording."""
 _MARGIN = 0.25
 """A simulated joint may leave its recorded range by this share of it."""
 _LEAN = 0.15
@@ -90,12 +92,13 @@ def propose(
         seen.append((float(np.log1p((spread[..., live] ** 2).mean(axis=1)).sum(axis=-1).min()), experiment, outputs[0]))
     seen.sort(key=lambda s: -s[0])
     gains: list[tuple[float, Experiment]] = []
-    for i, (_, experiment, outputs) in enumerate(seen[:TRIED]):
+    tried = TRIED if plant.model.nv <= LIGHT else TRIED_HEAVY
+    for i, (_, experiment, outputs) in enumerate(seen[:tried]):
         gain = _expected_gain(fitter, fits, experiment, outputs, seed)
         if gain is not None:
             gains.append((gain, experiment))
         if progress:
-            progress((i + 1) / len(seen[:TRIED]))
+            progress((i + 1) / len(seen[:tried]))
     if not gains:
         return None
     gains.sort(key=lambda g: -g[0])
@@ -150,13 +153,13 @@ def _expected_gain(
         replayer.aligned, experiment.period, experiment.inputs[settled:], outputs[settled:] + noise * replayer.floor
     )
     try:
-        windows = cut(made)
+        windows = cut(made, fitter.windows.length * replayer.aligned.period, most=max(len(fitter.windows) // 2, FEWEST))
     except GapInputError:
         return None
     first = fits[0]
     there = Replayer(replayer.plant, made, windows, replayer.floor, replayer.threads)
     truth = fitter.variant(first.hypothesis, first.x, first.z)
-    local = Fitter(Residuals.build(there, truth), fitter.nuisances)
+    local = Fitter(Residuals.build(there, truth, trusted=fitter.residuals.trusted), fitter.nuisances)
     local.independent = fitter.independent.copy()
     local.refresh(first.hypothesis, first.x, first.z, local.replay(first.hypothesis, [(first.x, first.z)])[0])
     costs = [local.fit(f.hypothesis, f.x, f.z, iterations=3).cost for f in fits]

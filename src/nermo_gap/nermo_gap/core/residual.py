@@ -52,6 +52,7 @@ class Residuals:
     _basis: Array
     _shrink: Array
     _doubted: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    trusted: tuple[str, ...] = ()
     input_error: float = 0.0
     """Size of the wander of measured inputs, in their root mean square."""
 
@@ -71,7 +72,7 @@ class Residuals:
         state, model = replayer.state, replayer.plant.model
         joints = [model.joint(int(model.dof_jntid[dof])).name for dof in state.dof]
         doubted = [i for i in range(state.size) if i >= len(joints) or joints[i] not in trusted]
-        made._doubted = np.array(doubted, np.int64)
+        made._doubted, made.trusted = np.array(doubted, np.int64), tuple(trusted)
         if start and doubted:
             made.update_start(reference)
         return made

@@ -18,16 +18,16 @@ HORIZON = 0.6
 WARM_UP = 0.15
 """[s] before it in which the model is held to the measurement, so that what is not measured can settle."""
 FOLDS = 3
-_WINDOWS_PER_BLOCK = 3
-"""At least; shorter windows make blocks of _BLOCK."""
+_WINDOWS_PER_BLOCK, _LONG_PER_BLOCK = 3, 2
+"""At least, of windows up to HORIZON and of longer ones; shorter windows make blocks of _BLOCK."""
 _BLOCK = 1.2
 """[s]"""
 _MAX_SAMPLES = 120
 MAX_WINDOWS = 60
 """More are thinned out by whole blocks: 36 s of scored motion say what a long recording has to say."""
-MIN_WINDOWS = 36
+MIN_WINDOWS = 24
 """What a slow model gets at least."""
-_LIGHT = 8
+LIGHT = 8
 """Degrees of freedom up to which a model gets all of them."""
 
 
@@ -66,7 +66,7 @@ class Windows:
 
 def affordable(model: mujoco.MjModel) -> int:
     """How many windows a model is worth: one with many degrees of freedom is slower, and says more in each."""
-    return int(np.clip(MAX_WINDOWS * _LIGHT / max(model.nv, 1), MIN_WINDOWS, MAX_WINDOWS))
+    return int(np.clip(MAX_WINDOWS * LIGHT / max(model.nv, 1), MIN_WINDOWS, MAX_WINDOWS))
 
 
 def cut(aligned: Aligned, horizon: float = HORIZON, warm_up: float = WARM_UP, most: int = MAX_WINDOWS) -> Windows:
@@ -81,7 +81,7 @@ def cut(aligned: Aligned, horizon: float = HORIZON, warm_up: float = WARM_UP, mo
     """
     length = max(round(horizon / aligned.period), 5)
     lead = max(round(warm_up / aligned.period), 1)
-    per_block = max(_WINDOWS_PER_BLOCK, round(_BLOCK / horizon))
+    per_block = max(_WINDOWS_PER_BLOCK if horizon <= HORIZON else _LONG_PER_BLOCK, round(_BLOCK / horizon))
     starts: list[int] = []
     blocks: list[int] = []
     folds: list[int] = []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import mujoco
 import numpy as np
@@ -13,7 +13,7 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from nermo_gap.report.style import HEAT, INK, QUIET, UNSEEN
+from nermo_gap.report.style import AFTER, HEAT, INK, QUIET, UNSEEN
 
 Array = NDArray[np.float64]
 Geom = mujoco.mjtGeom
@@ -21,8 +21,17 @@ Geom = mujoco.mjtGeom
 _RING = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
 
 
-def draw_robot(model: mujoco.MjModel, qpos: Array, heat: Mapping[int, float], labels: Mapping[int, str]) -> Figure:
-    """The robot in posture ``qpos`` with bodies coloured by ``heat`` {body: 0 to 1}; others are grey."""
+def draw_robot(
+    model: mujoco.MjModel,
+    qpos: Array,
+    heat: Mapping[int, float],
+    labels: Mapping[int, str],
+    causes: Collection[int] = (),
+) -> Figure:
+    """The robot in posture ``qpos`` with bodies coloured by ``heat`` {body: 0 to 1}; others are grey.
+
+    Bodies in ``causes`` have a blue outline.
+    """
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
     mujoco.mj_forward(model, data)
@@ -37,7 +46,7 @@ def draw_robot(model: mujoco.MjModel, qpos: Array, heat: Mapping[int, float], la
     low, high = _bounds([s[2] for s in shapes])
     size = float((high - low).max())
     for _, body, outline in sorted(shapes, key=lambda s: s[0]):
-        axes.add_patch(_patch(outline, heat.get(body), size))
+        axes.add_patch(_patch(outline, heat.get(body), body in causes))
     _label(axes, data, labels, right, up, (float(low[0]), float(high[0])), size)
     axes.set_aspect("equal")
     axes.autoscale_view()
@@ -98,10 +107,10 @@ def _outline(model: mujoco.MjModel, data: mujoco.MjData, g: int, right: Array, u
         return None
 
 
-def _patch(outline: Array, heat: float | None, size: float) -> Polygon:
+def _patch(outline: Array, heat: float | None, cause: bool) -> Polygon:
     colour = UNSEEN if heat is None else to_hex(HEAT(heat))
-    edge = tuple(0.55 * c for c in to_rgb(colour))
-    return Polygon(outline, closed=True, facecolor=colour, edgecolor=edge, linewidth=0.8, joinstyle="round")
+    edge, width = (to_rgb(AFTER), 2.4) if cause else (tuple(0.55 * c for c in to_rgb(colour)), 0.8)
+    return Polygon(outline, closed=True, facecolor=colour, edgecolor=edge, linewidth=width, joinstyle="round")
 
 
 def _bounds(outlines: list[Array]) -> tuple[Array, Array]:

@@ -17,6 +17,16 @@ Ints = NDArray[np.int64]
 _CHANNELS = 4
 _WINDOWS = 4
 _RANKED = 9
+_SITES = {
+    "servo": mujoco.mjtObj.mjOBJ_ACTUATOR,
+    "tendon": mujoco.mjtObj.mjOBJ_TENDON,
+    "mass": mujoco.mjtObj.mjOBJ_BODY,
+    "com": mujoco.mjtObj.mjOBJ_BODY,
+    "inertia": mujoco.mjtObj.mjOBJ_BODY,
+    "ground": mujoco.mjtObj.mjOBJ_GEOM,
+    "foot": mujoco.mjtObj.mjOBJ_GEOM,
+} | dict.fromkeys(("coulomb", "viscous", "stribeck", "load", "armature", "joint"), mujoco.mjtObj.mjOBJ_JOINT)
+"""First word of an effect's name: what its sites are."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +62,7 @@ class Evidence:
         ranking: best first.
         qpos: a posture of the recording, (nq,).
         bodies: {body: names of the subsystems whose channels speak about it}.
+        causes: {body: names of the effects that were found there}; a sensor's or the link's have no place.
     """
 
     model: mujoco.MjModel
@@ -59,6 +70,7 @@ class Evidence:
     curves: dict[tuple[str, str], list[Curve]] = field(default_factory=dict)
     ranking: list[Rank] = field(default_factory=list)
     bodies: dict[int, list[str]] = field(default_factory=dict)
+    causes: dict[int, list[str]] = field(default_factory=dict)
 
 
 def gather(found: Diagnosis) -> Evidence:
@@ -68,6 +80,7 @@ def gather(found: Diagnosis) -> Evidence:
     evidence.curves = _curves(found)
     evidence.ranking = _ranking(found)
     evidence.bodies = _bodies(found)
+    evidence.causes = _causes(found)
     return evidence
 
 
@@ -159,6 +172,18 @@ def _bodies(found: Diagnosis) -> dict[int, list[str]]:
             if output.subsystem not in names:
                 names.append(output.subsystem)
     return spoken
+
+
+def _causes(found: Diagnosis) -> dict[int, list[str]]:
+    """Which bodies the effects act at."""
+    model = found.selector.fitter.residuals.replayer.plant.model
+    causes: dict[int, list[str]] = {}
+    for effect in found.selection.best.fit.hypothesis.effects:
+        kind = _SITES.get(effect.name.split("_")[0])
+        targets = [] if kind is None else [t for t in effect.site.targets if t >= 0]
+        for body in sorted({b for t in targets for b in _of_object(model, int(kind), t)}):  # type: ignore[arg-type]
+            causes.setdefault(body, []).append(effect.key)
+    return causes
 
 
 def _of_object(model: mujoco.MjModel, kind: int, index: int) -> list[int]:

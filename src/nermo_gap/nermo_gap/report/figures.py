@@ -45,6 +45,8 @@ def robot(report: Report, evidence: Evidence) -> Figure:
             text = f"{name}  {100 * shares[name]:.0f} %"
             body = strongest[name]
             labels[body] = f"{labels[body]}\n{text}" if body in labels else text
+    if report["verdict"] in ("effect", "ambiguous"):
+        return draw_robot(evidence.model, evidence.qpos, heat, labels, list(evidence.causes))
     return draw_robot(evidence.model, evidence.qpos, heat, labels)
 
 
@@ -57,7 +59,7 @@ def phase_map(report: Report) -> Figure | None:
     gap = report["gap"]
     scale_before, scale_left = max(gap["before"] - 1.0, 0.0), max(gap["after"] - 1.0, 0.0)
     channels = sorted(before, key=lambda c: -sum(before[c].values()))[:_MANY]
-    known = ("swing", "touch_down", "stance", "standstill", "reversal", "moving", "all")
+    known = ("swing", "touch-down", "stance", "standstill", "reversal", "moving", "all")
     present = {p for c in channels for p in before[c]}
     phases = [p for p in known if p in present] + sorted(present - set(known))
     figure = Figure(figsize=(_WIDTH, 0.9 + 0.34 * len(channels)), layout="constrained")

@@ -21,7 +21,10 @@ _PHASES = {
     "moving": "while it moves",
     "swing": "in the swing of the leg",
     "stance": "in stance",
-    "touch_down": "at touch-down",
+    "touch-down": "at touch-down",
+    "all legs down": "while all feet stand",
+    "one leg up": "while one leg swings",
+    "two or more legs up": "while two or more legs swing",
     "all": "throughout",
 }
 
