@@ -29,7 +29,8 @@ def run_case(case: Case, threads: int | None = None, baselines: bool = False) ->
     plant = build_plant(mujoco.MjSpec.from_string(robot.xml), parse_map(robot.mapping))
     started, busy = time.monotonic(), time.process_time()
     recording = recording_from_table(case.columns, plant)
-    report = diagnose([recording], plant, Options(baselines=baselines, threads=threads)).report
+    found = diagnose([recording], plant, Options(baselines=baselines, threads=threads))
+    report, selection = found.report, found.selection
     row = judged(case.answer(), report | {"status": "done", "wall_s": time.monotonic() - started})
     return row | {
         "values": [e["parameters"] for e in report["effects"]],
@@ -40,6 +41,7 @@ def run_case(case: Case, threads: int | None = None, baselines: bool = False) ->
         "typical": report["gap"]["typical"],
         "cpu_s": time.process_time() - busy,
         "structure": report["unexplained_predictable_share"],
+        "reference": selection.reference.score,
         "ranking": [[r["hypothesis"], round(r["score"], 1), round(r["gap"], 2)] for r in report["ranking"][:5]],
     }
 

@@ -229,30 +229,64 @@ def simulate(case: Case, robot: Robot | None = None) -> Case:
 
 
 def _simulate(case: Case, robot: Robot) -> Case:
-    n = round(case.seconds / PERIOD)
-    rng = np.random.default_rng([*case.seed, 1])
-    excitation, parts = int(rng.integers(1 << 30)), [int(s) for s in rng.integers(1 << 30, size=3)]
-    table = robot.commands(excitation, n)
-    noise = {
-        r["column"]: NOISE.get(r.get("unit", ""), 4e-4) * robot.noise * float(rng.uniform(0.7, 1.5))
-        for r in robot.mapping["outputs"]
-    }
-    quantum = float(rng.choice([0.0, 2.0]))
+    found = _Truths(case, robot)
+    case.healthy_shift = 0.0
+    result = healthy = found.healthy
+    if case.faults:
+        result = found.run(found.broken(), found.table)
+        shifts = [
+            float(np.sqrt(np.mean((result.columns[c] - healthy.columns[c]) ** 2)) / found.noise[c])
+            for c in result.columns
+        ]
+        case.healthy_shift = float(np.sqrt(np.mean(np.square(shifts))))
+        if case.healthy_shift > RUNAWAY:
+            raise ValueError("the faults make the truth run away")
+    case.columns = found.columns(found.table, result)
+    return case
 
-    def truth(soft: dict[str, Any] | None = None) -> Truth:
-        made = build(robot.spec(), robot.mapping, np.random.default_rng(parts[0]), soft, start=robot.start)
-        made.quantum = quantum
+
+def simulate_again(case: Case, table: dict[str, Array]) -> dict[str, Array]:
+    """Columns of a second recording of the same robot, told what ``table`` says (columns of commands, PERIOD apart).
+
+    Raises ValueError where the truth breaks down.
+    """
+    found = _Truths(case, robot_of(case.robot))
+    robot = found.broken() if case.faults else found.truth()
+    return found.columns(table, found.run(robot, table, again=1))
+
+
+class _Truths:
+    """The healthy robot of a case on its own commands, and the broken one on any; everything by the case's seed."""
+
+    def __init__(self, case: Case, robot: Robot) -> None:
+        self._case, self._robot = case, robot
+        rng = np.random.default_rng([*case.seed, 1])
+        excitation, self._parts = int(rng.integers(1 << 30)), [int(s) for s in rng.integers(1 << 30, size=3)]
+        self.table = robot.commands(excitation, round(case.seconds / PERIOD))
+        self.noise = {
+            r["column"]: NOISE.get(r.get("unit", ""), 4e-4) * robot.noise * float(rng.uniform(0.7, 1.5))
+            for r in robot.mapping["outputs"]
+        }
+        self._quantum = float(rng.choice([0.0, 2.0]))
+        self._healthy_truth = self.truth()
+        self.healthy = self.run(self._healthy_truth, self.table)
+
+    def truth(self, soft: dict[str, Any] | None = None) -> Truth:
+        """The robot without its faults, but with what lies between motors and links."""
+        robot = self._robot
+        made = build(robot.spec(), robot.mapping, np.random.default_rng(self._parts[0]), soft, start=robot.start)
+        made.quantum = self._quantum
         return made
 
-    def run(made: Truth) -> Run:
-        return record(made, told(made.model, robot.mapping, table), noise, np.random.default_rng(parts[1]))
+    def run(self, made: Truth, table: dict[str, Array], again: int = 0) -> Run:
+        """Record a truth; ``again`` gives noise of its own."""
+        rng = np.random.default_rng(self._parts[1 + again])
+        return record(made, told(made.model, self._robot.mapping, table), self.noise, rng)
 
-    healthy_truth = truth()
-    healthy = run(healthy_truth)
-    case.healthy_shift = 0.0
-    result = healthy
-    if case.faults:
-        scale = Scale.of(healthy_truth, healthy, told(healthy_truth.model, robot.mapping, table))
+    def broken(self) -> Truth:
+        """The robot with its faults, whose sizes are relative to what the healthy one did on its own commands."""
+        healthy_truth, healthy, case = self._healthy_truth, self.healthy, self._case
+        scale = Scale.of(healthy_truth, healthy, told(healthy_truth.model, self._robot.mapping, self.table))
         soft = {}
         for injected in case.faults:
             if injected.name in ("servo_backlash", "flexing_link"):
@@ -261,9 +295,10 @@ def _simulate(case: Case, robot: Robot) -> Case:
                 between = soft_of(injected.name, injected.size, scale, joint, actuator)
                 if between is not None:
                     soft[joint] = between
-        broken = truth(soft)
+        broken = self.truth(soft)
         for injected in case.faults:
             chosen = fault(injected.name, injected.kind)
+            injected.parameters = {}
             for member in injected.members:
                 values = chosen.inject(broken, scale, member, injected.size)
                 if injected.name == "mass" and injected.parameters:
@@ -272,17 +307,14 @@ def _simulate(case: Case, robot: Robot) -> Case:
             if len(injected.members) > 1 and injected.name not in _SHARED:
                 injected.parameters = {}
         mujoco.mj_setConst(broken.model, mujoco.MjData(broken.model))
-        result = run(broken)
-        shifts = [
-            float(np.sqrt(np.mean((result.columns[c] - healthy.columns[c]) ** 2)) / noise[c]) for c in result.columns
-        ]
-        case.healthy_shift = float(np.sqrt(np.mean(np.square(shifts))))
-        if case.healthy_shift > RUNAWAY:
-            raise ValueError("the faults make the truth run away")
-    units = {row["column"]: 1e-3 if row.get("unit") == "mm" else 1.0 for row in robot.mapping["outputs"]}
-    time = {robot.mapping["time"]["column"]: result.time}
-    case.columns = {**time, **table, **{c: v / units[c] for c, v in result.columns.items()}}
-    return case
+        return broken
+
+    def columns(self, table: dict[str, Array], run: Run) -> dict[str, Array]:
+        """What a logger writes, in the units of the map."""
+        mapping = self._robot.mapping
+        units = {row["column"]: 1e-3 if row.get("unit") == "mm" else 1.0 for row in mapping["outputs"]}
+        time = {mapping["time"]["column"]: run.time}
+        return {**time, **table, **{c: v / units[c] for c, v in run.columns.items()}}
 
 
 _SHARED = ("servo_delay", "servo_gain", "load_friction", "sensor_delay", "ground_friction", "link_latency", "mass")

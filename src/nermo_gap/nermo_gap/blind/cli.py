@@ -15,6 +15,7 @@ from nermo_gap.blind.cases import SMALL
 from nermo_gap.blind.make import BlindError, make
 from nermo_gap.blind.run import results_file, run
 from nermo_gap.blind.score import AIMS, TITLES, markdown, score
+from nermo_gap.blind.settle import settle
 
 blind_app = typer.Typer(
     name="blind",
@@ -128,6 +129,28 @@ def score_command(
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
     _print(scored)
+
+
+@blind_app.command("settle")
+def settle_command(
+    folder: Annotated[Path, typer.Argument(help="Folder of `make --out`.")],
+    answers: Annotated[Path, typer.Argument(help="Folder of the sealed answers.")],
+    results: Annotated[Path, typer.Argument(help="Folder of `diagnose --out`.")],
+    out: Annotated[Path, typer.Option(help="Folder for the new check.")],
+) -> None:
+    """Run the proposed experiments of ambiguous cases on their hidden robots, as a check to diagnose and score again.
+
+    
+    Example:
+      nermo gap blind settle check sealed/check results --out check_next
+      nermo gap blind diagnose check_next --out results_next --answers sealed/check
+      nermo gap blind score check_next sealed/check results_next
+    """
+    try:
+        found = settle(folder, answers, results, out, lambda i, n: _line(f"ran {i} of {n}"))
+    except BlindError as error:
+        _fail(str(error), 2)
+    typer.echo(f"{len(found)} cases in {out}: diagnose and score them with the same answers")
 
 
 def _told(row: dict[str, Any], finished: int, total: int) -> None:

@@ -433,7 +433,8 @@ FAULTS: tuple[Fault, ...] = (
     Fault("tendon_detached", "strap", (1.0, 1.0, 1.0), _cut_strap),
     Fault("ground_friction", "foot", (0.6, 0.4, 0.2), _slippery),
     Fault("ground_slope", "ground", (0.03, 0.06, 0.12), _slope_of_ground),
-    Fault("foot_compliance", "foot", (2.5, 4.5, 8.0), _soft_foot),
+    # A foot sinks in by the square of this; twice as strong would be softer than the leg is long.
+    Fault("foot_compliance", "foot", (1.5, 2.2, 3.2), _soft_foot),
     Fault("sensor_bias", "sensor", (0.05, 0.12, 0.3), _bias),
     Fault("sensor_scale", "sensor", (1.05, 1.12, 1.3), _scaled),
     Fault("sensor_delay", "sensor", (0.006, 0.015, 0.04), _late),

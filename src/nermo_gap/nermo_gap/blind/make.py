@@ -97,9 +97,7 @@ def _update(cases: Sequence[Case], i: int, case: Case) -> Case:
 def _publish(case: Case, folder: Path, answers: Path, salt: str) -> dict[str, Any]:
     robot, place = robot_of(case.robot), folder / "data" / case.id
     place.mkdir(parents=True, exist_ok=True)
-    # A logger writes seven digits; more would only make the files larger.
-    columns = {n: v if n == "t" else np.round(v, 7) for n, v in case.columns.items()}
-    np.savez_compressed(place / "recording.npz", **columns)  # type: ignore[arg-type]
+    write_recording(case.columns, place / "recording.npz")
     (place / "map.yaml").write_text(yaml.safe_dump(robot.mapping, sort_keys=False), encoding="utf-8")
     (place / "model.xml").write_text(robot.xml, encoding="utf-8")
     answer = json.dumps(case.answer() | {"salt": salt}, indent=1, sort_keys=True) + "\n"
@@ -111,6 +109,11 @@ def _publish(case: Case, folder: Path, answers: Path, salt: str) -> dict[str, An
         "answer_sha256": hashlib.sha256(answer.encode()).hexdigest(),
         "recording_sha256": hashlib.sha256((place / "recording.npz").read_bytes()).hexdigest(),
     }
+
+
+def write_recording(columns: dict[str, Any], path: Path) -> None:
+    """Write columns with the seven digits that a logger gives; more would only make the files larger."""
+    np.savez_compressed(path, **{n: v if n == "t" else np.round(v, 7) for n, v in columns.items()})
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:

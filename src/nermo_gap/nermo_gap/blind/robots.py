@@ -57,11 +57,12 @@ FINGER = """<mujoco model="finger"><option timestep="0.001" integrator="implicit
 
 CAMERA = """<mujoco model="camera"><option timestep="0.0025" integrator="implicitfast"/>
 <worldbody><body name="column"><joint name="pan" axis="0 0 1" damping="0.03" armature="0.004"/>
-<geom type="capsule" fromto="0 0 0 0 0 .1" size=".02" mass="0.4"/>
+<geom type="capsule" fromto="0 0 0 0 0 .1" size=".02" mass="0.4" contype="0" conaffinity="0"/>
 <body name="fork" pos="0 0 .1"><joint name="tilt" axis="0 1 0" damping="0.02" armature="0.003"/>
-<geom type="box" size=".02 .05 .03" mass="0.25"/>
+<geom type="box" size=".02 .05 .03" mass="0.25" contype="0" conaffinity="0"/>
 <body name="eye" pos=".04 0 .03"><joint name="roll" axis="1 0 0" damping="0.02" armature="0.002"/>
-<geom type="box" size=".05 .03 .03" pos=".03 .01 .02" mass="0.3"/><site name="gyro"/></body></body></body></worldbody>
+<geom type="box" size=".05 .03 .03" pos=".03 .01 .02" mass="0.3"
+ contype="0" conaffinity="0"/><site name="gyro"/></body></body></body></worldbody>
 <actuator><position name="pan_servo" joint="pan" kp="8" kv="0.25" forcerange="-4 4"/>
 <position name="tilt_servo" joint="tilt" kp="8" kv="0.25" forcerange="-4 4"/>
 <position name="roll_servo" joint="roll" kp="5" kv="0.15" forcerange="-3 3"/></actuator>

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -25,6 +26,11 @@ _KEPT = ("verdict", "reasons", "gap", "effects", "equivalent", "baselines", "war
 def results_file(out: Path) -> Path:
     """The lines of results, from a folder or the file itself."""
     return out if out.suffix == ".jsonl" else out / RESULTS
+
+
+def experiment_file(out: Path, case: str) -> Path:
+    """Where the command file of the experiment that a case's diagnosis proposes is kept."""
+    return out / f"{case}.next.csv"
 
 
 def read_results(out: Path) -> dict[str, dict[str, Any]]:
@@ -128,6 +134,9 @@ def _diagnose(case: Path, out: Path, options: dict[str, Any], timeout: float, ke
             row |= {"status": "refused" if refused else "failed", "error": last[:500]}
             return row | {"wall_s": time.monotonic() - started}
         report = json.loads(result.read_text(encoding="utf-8"))
+        proposed = (report.get("next_experiment") or {}).get("file")
+        if proposed:
+            shutil.copy(Path(scratch) / proposed, experiment_file(out, case.name))
         if keep:
             (out / f"{case.name}.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     return row | {

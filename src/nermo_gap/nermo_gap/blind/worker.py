@@ -19,7 +19,7 @@ def main(case: Path, out: Path, options: dict[str, Any]) -> None:
     # Imported before the jail closes, since some libraries look around the file system when they are imported.
     from nermo_gap.blind.jail import can_read, confine
     from nermo_gap.core.baselines import fit_everything  # noqa: F401
-    from nermo_gap.core.diagnose import Options, diagnose
+    from nermo_gap.core.diagnose import Options, diagnose, write_experiment
     from nermo_gap.core.mapping import load_map
     from nermo_gap.core.plant import build_plant, load_spec
     from nermo_gap.core.recording import load_table, recording_from_table
@@ -33,14 +33,16 @@ def main(case: Path, out: Path, options: dict[str, Any]) -> None:
         raise SystemExit(f"{case}: the jail leaks: {', '.join(leaks)} can be read")
     started = time.monotonic()
     plant = build_plant(load_spec(case / "model.xml"), load_map(case / "map.yaml"))
-    recording = recording_from_table(load_table(case / "recording.npz"), plant, case.name)
+    recordings = [recording_from_table(load_table(p), plant, p.stem) for p in sorted(case.glob("recording*.npz"))]
     chosen = Options(
         seed=int(options.get("seed", 0)),
         threads=options.get("threads"),
         baselines=bool(options.get("baselines", True)),
         only=tuple(options.get("only", ())),
     )
-    report = diagnose([recording], plant, chosen).report
+    found = diagnose(recordings, plant, chosen)
+    write_experiment(found, out)
+    report = found.report
     report |= {"id": case.name, "isolation": isolation, "time_to_verdict_s": time.monotonic() - started}
     partial = out / f".{case.name}.partial"
     partial.write_text(json.dumps(report) + "\n", encoding="utf-8")

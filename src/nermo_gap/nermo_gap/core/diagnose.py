@@ -46,6 +46,9 @@ Progress = Callable[[str, float], None]
 SCHEMA = "nermo_gap/diagnosis/1"
 HEAVY = Effort(hopeful=20, survivors=6, finalists=3, rounds=1, partners=4, max_effects=2)
 """Of models with more than LIGHT degrees of freedom, which take a hundred times longer to replay than a pendulum."""
+LAW = 0.03
+"""Standard error of any parameter as a share of its size (for a factor: of its distance from 1), beside what the data
+say: a robot's friction or servo follows the law of the library only about."""
 
 
 @dataclass
@@ -241,7 +244,8 @@ def _effects(selector: Selector, selection: Selection) -> list[dict[str, Any]]:
     if best is reference:
         return []
     found, position = [], 0
-    deviation = parameter_deviation(best.fit)
+    plant = selector.fitter.residuals.replayer.plant
+    deviation = parameter_deviation(best.fit, float(plant.model.opt.timestep))
     for i, effect in enumerate(best.fit.hypothesis.effects):
         parameters = {}
         for parameter in effect.parameters:
@@ -267,14 +271,19 @@ def _effects(selector: Selector, selection: Selection) -> list[dict[str, Any]]:
     return found
 
 
-def parameter_deviation(fit: Fit) -> Array:
-    """Standard error of each parameter: the larger of the fit's own and that of the folds (jackknife)."""
+def parameter_deviation(fit: Fit, timestep: float = 0.0) -> Array:
+    """Standard error of each parameter: the larger of the fit's own and that of the folds (jackknife), and the model's.
+
+    A simulation resolves times no better than its ``timestep`` [s].
+    """
     own = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     folds = len(fit.fold_x)
-    if folds < 2:
-        return own
-    spread = np.sqrt((folds - 1) / folds * ((fit.fold_x - fit.fold_x.mean(axis=0)) ** 2).sum(axis=0))
-    result: Array = np.maximum(own, spread)
+    if folds > 1:
+        spread = np.sqrt((folds - 1) / folds * ((fit.fold_x - fit.fold_x.mean(axis=0)) ** 2).sum(axis=0))
+        own = np.maximum(own, spread)
+    law = LAW * np.minimum(np.abs(fit.x - fit.hypothesis.vector("neutral")), np.abs(fit.x))
+    times = np.array([p.unit == "s" for e in fit.hypothesis.effects for p in e.parameters])
+    result: Array = np.sqrt(own**2 + law**2 + np.where(times, timestep**2 / 12.0, 0.0))
     return result
 
 

@@ -86,7 +86,9 @@ class Follow:
         batch: mjbatch.Batch,
         stops: Ints | None = None,
     ) -> None:
-        self._index, self._origin, self._batch, self._stops = index, origin, batch, stops
+        self._index, self._origin, self._stops = index, origin, stops
+        # Views: looked up once, since this runs at every step.
+        self._all_qpos, self._all_qvel = batch.bind("qpos"), batch.bind("qvel")
         first = states[0]
         self._position = np.stack([s.position for s in states])
         self._velocity = np.stack([s.velocity for s in states])
@@ -100,7 +102,7 @@ class Follow:
         row = self._origin + int(position)
         last = self._position.shape[1] - 2 if self._stops is None else self._stops - 2
         row, share = np.minimum(row, last), (position - int(position))
-        qpos, qvel = self._batch.qpos, self._batch.qvel
+        qpos, qvel = self._all_qpos, self._all_qvel
         if len(self._dof):
             nm = len(self._dof)
             value = _between(self._position, self._index, row, share) + (0.0 if shift is None else shift[:, :nm])

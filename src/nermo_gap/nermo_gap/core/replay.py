@@ -226,14 +226,16 @@ class Replayer:
     ) -> None:
         """The free run in one call, for variants whose inputs do not depend on the state."""
         lead, period = self._lead_steps, self.aligned.period
+        positions = np.arange(self._steps, dtype=np.float64) * (self._dt / period)
         if self._settles(batch):
+            ctrl, forces = batch.bind("ctrl"), batch.bind("qfrc_applied")
+            control, applied = drive.at(positions[:lead])
             for k in range(lead):
                 follow.apply(k * self._dt / period, None, None)
-                batch.ctrl[:], batch.qfrc_applied[:] = drive.at(k * self._dt / period)
+                ctrl[:], forces[:] = control[:, k], applied[:, k]
                 _try(batch.step, failed)
         follow.apply(lead * self._dt / period, shift, rate_shift)
-        positions = np.arange(lead, self._steps, dtype=np.float64) * (self._dt / period)
-        control = np.concatenate(drive.at(positions), axis=-1)
+        control = np.concatenate(drive.at(positions[lead:]), axis=-1)
         kinds = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
         found = {"sensordata": np.empty((len(history), self._steps - lead, history.shape[2]))}
         _try(lambda: batch.rollout(self._steps - lead, control, kinds, ("sensordata",), out=found), failed)

@@ -102,10 +102,15 @@ def _score(scored: Scored) -> float:
     return scored.score
 
 
-def _extremity(fit: Fit) -> float:
-    """How far the parameters of a fit are from neutral, in their scales; the largest counts."""
-    away = np.abs(fit.x - fit.hypothesis.vector("neutral")) / np.maximum(fit.hypothesis.vector("scale"), 1e-300)
-    return float(away.max(initial=0.0))
+def _extremities(fit: Fit) -> Array:
+    """How far each parameter of a fit is from neutral, in its strongest try."""
+    away: Array = np.abs(fit.x - fit.hypothesis.vector("neutral")) / np.maximum(fit.hypothesis.vector("strong"), 1e-300)
+    return away
+
+
+def _parts(fit: Fit) -> int:
+    """How many parts of the robot the effects of a fit change."""
+    return sum(len(e.site.targets) for e in fit.hypothesis.effects)
 
 
 class Selector:
@@ -200,6 +205,8 @@ class Selector:
             enough = self.typical(result.best.fit.held) < ENOUGH and not result.best.fit.strained
             if enough or not self._add(result, screened):
                 break
+        self._drop(result)
+        self._settle(result)
         self._grow(result)
         return result
 
@@ -296,10 +303,12 @@ class Selector:
             simpler = rival.fit.hypothesis.size < chosen.fit.hypothesis.size
             if simpler and gain[0] <= float(gain[1:].std()) + PER_PARAMETER:
                 chosen = rival
-        # Names for the same change: the one that has to be less extreme.
+        # Names for the same change: the one at fewer parts, or that has to be less extreme.
         for rival in scored[1:FINALISTS]:
             same = rival.fit.hypothesis.size == chosen.fit.hypothesis.size and rival.score < chosen.score + TIE
-            if same and _extremity(rival.fit) < 0.7 * _extremity(chosen.fit):
+            fewer = _parts(rival.fit) - _parts(chosen.fit)
+            milder = _extremities(rival.fit).max(initial=0.0) < 0.7 * _extremities(chosen.fit).max(initial=0.0)
+            if same and (fewer < 0 or (fewer == 0 and milder)):
                 chosen = rival
         return chosen
 
@@ -345,6 +354,33 @@ class Selector:
         pairs = sorted([best, *(p for p in pairs if p.fit.hypothesis is not best.fit.hypothesis)], key=_score)
         result.best, result.rivals = best, pairs
         return True
+
+    def _drop(self, result: Selection) -> None:
+        """Take out what later effects made needless: the first one found may only have stood in for them."""
+        while len(result.best.fit.hypothesis.effects) > 1:
+            full = result.best.fit
+            starts = np.cumsum([0, *(len(e.parameters) for e in full.hypothesis.effects)])
+            without = []
+            for i, effect in enumerate(full.hypothesis.effects):
+                self._say("drop", i / len(full.hypothesis.effects))
+                rest = tuple(e for e in full.hypothesis.effects if e is not effect)
+                x = np.delete(full.x, np.arange(starts[i], starts[i + 1]))
+                without.append(self.scored(self.fitter.polish(self.fitter.fit(Hypothesis(rest), x, full.z))))
+            simpler = min(without, key=_score)
+            if self._earns(simpler, result.best, len(self.effects)):
+                result.gains = [self.difference(w.fit, full) for w in without]
+                return
+            others = result.singles if len(simpler.fit.hypothesis.effects) == 1 else without
+            result.rivals = sorted([simpler, *(s for s in others if s.key != simpler.key)], key=_score)
+            result.best, result.gains = simpler, [self.difference(result.reference.fit, simpler.fit)]
+
+    def _settle(self, result: Selection) -> None:
+        """Fit the winner once more with all nuisance sensitivities its own: its intervals rest on them."""
+        old = result.best
+        self.fitter.refresh(old.fit.hypothesis, old.fit.x, old.fit.z, old.fit.residual)
+        fit = self.fitter.fit(old.fit.hypothesis, old.fit.x, old.fit.z, known=old.fit.residual)
+        result.best = self.scored(self.fitter.cross_validate(fit))
+        result.rivals = sorted([result.best, *(r for r in result.rivals if r is not old)], key=_score)
 
     def _grow(self, result: Selection) -> None:
         """Let the parameter of each effect that was found grow with time, where the recording is long enough."""

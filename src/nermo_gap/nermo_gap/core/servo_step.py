@@ -44,6 +44,7 @@ class ServoStep:
         self._play = [int(a) for a in np.flatnonzero((self._width > 0).any(axis=0)) if joint[a]]
         if self._play:
             dofs = self._dof[self._play]
+            self._coordinate = model.jnt_qposadr[model.actuator_trnid[self._play, 0]]
             self._armature = np.stack([v.model.dof_armature[dofs] for v in variants])
             total = np.stack([v.model.dof_M0[dofs] for v in variants])
             self._link = np.maximum(total - self._armature, 0.05 * total)
@@ -56,7 +57,7 @@ class ServoStep:
         """Attach to a batch. A joint with play leaves its inertia and damping to the motor."""
         self._batch = batch
         self._length, self._velocity = batch.bind("actuator_length"), batch.bind("actuator_velocity")
-        batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
+        self._first = True
         if not self._play:
             return
         gain, bias = batch.expand("actuator_gainprm"), batch.expand("actuator_biasprm")
@@ -70,7 +71,11 @@ class ServoStep:
 
     def step(self, control: Array) -> tuple[Array, Array]:
         """(control that has the wanted effect (n, nu), joint forces (n, nv))."""
-        length = self._length + self._dt * self._velocity
+        if self._first:
+            self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
+        # A step leaves what belongs to the state before it.
+        length = self._length + (0.0 if self._first else self._dt) * self._velocity
+        self._first = False
         extra = np.zeros_like(self._batch.qfrc_applied)
         if self._band.any():
             # A servo compares in the unit of its command: the point of zero force is ctrl = -bias1 / gain * length.
@@ -93,11 +98,14 @@ class ServoStep:
         """Advance the motors behind a play by one implicit step and add the torques that reach their joints."""
         h, a = self._dt, self._play
         dofs, gear = self._dof[a], self._gear[:, a]
-        q = self._length[:, a] / gear + h * self._velocity[:, a] / gear
-        rate = self._batch.qvel[:, dofs]
-        if self._angle is None:
-            self._angle, self._speed = q.copy(), rate.copy()
+        q, rate = self._batch.qpos[:, self._coordinate], self._batch.qvel[:, dofs]
         half = 0.5 * self._width[:, a]
+        if self._angle is None:
+            # Where its servo would bring it, as far as the flanks let it.
+            pull = gear * self._bias[:, a, 1]
+            asked = self._gain[:, a] * control[:, a] + self._bias[:, a, 0]
+            rest = np.divide(-asked, pull, out=q.copy(), where=pull != 0)
+            self._angle, self._speed = np.clip(rest, q - half, q + half), rate.copy()
         stiffness = _CONTACT_STIFFNESS * self._link / h**2
         damping = 0.6 * self._link / h
         gap = self._angle - q

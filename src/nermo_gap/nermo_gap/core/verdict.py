@@ -14,8 +14,9 @@ from nermo_gap.core.select import FINALISTS, Scored, Selection, Selector
 
 Array = NDArray[np.float64]
 
-CLOSE = 3.0
-"""[nats] Rivals nearer than this are not told apart, whatever the bootstrap says."""
+CLOSE, LEAD = 3.0, 0.1
+"""Rivals nearer than so many nats, or than this share of what the winner explains, are not told apart, whatever the
+bootstrap says: no effect of a library is quite what a robot has, and the wrong one may bend a little better."""
 SMALL = 4.0
 """A gap below this many noise floors is not worth a verdict of unknown."""
 REMAINS = 2.5
@@ -148,6 +149,7 @@ def _equivalents(selector: Selector, selection: Selection, verdict: Verdict) -> 
     best = selection.best
     winner = projected_response(selector.fitter, best.fit, selection.reference.fit)
     mine = _names(best.fit)
+    close = max(CLOSE, LEAD * min(gain for gain, _, _ in selection.gains))
     alike = []
     for rival in selection.rivals[: 2 * FINALISTS]:
         if rival is best or _names(rival.fit) == mine:
@@ -155,7 +157,7 @@ def _equivalents(selector: Selector, selection: Selection, verdict: Verdict) -> 
         response = projected_response(selector.fitter, rival.fit, selection.reference.fit)
         verdict.angles[f"{best.key} | {rival.key}"] = angle(winner, response)
         gain, low, _ = selector.difference(rival.fit, best.fit)
-        if (gain < CLOSE or low <= 0.0) and not _nested(best.fit, rival.fit):
+        if (gain < close or low <= 0.0) and not _nested(best.fit, rival.fit):
             alike.append(rival)
     if not alike:
         return []

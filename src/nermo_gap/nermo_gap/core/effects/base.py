@@ -30,6 +30,7 @@ class Parameter:
         low, high: bounds.
         tries: values to start from, weak to strong (an effect may have no slope at its neutral value).
         scale: the size of a noticeable change; also the step of finite differences, times a small factor.
+        strong: distance from neutral of the strongest try.
     """
 
     name: str
@@ -39,6 +40,11 @@ class Parameter:
     high: float
     tries: tuple[float, ...]
     scale: float
+
+    @property
+    def strong(self) -> float:
+        """See above."""
+        return max(abs(t - self.neutral) for t in self.tries)
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,8 @@ class ServoBacklash(Effect):
 
 
 class ServoGain(Effect):
-    """The servo is stiffer or softer than modelled; for a motor, its torque constant is another."""
+    """The servo is stiffer or softer than modelled, its damping with it (strength) or not (stiffness); for a motor, its
+    torque constant is another."""
 
     name = "servo_gain"
 
@@ -106,7 +107,11 @@ class ServoGain(Effect):
         for site in named_sites(
             context, Obj.mjOBJ_ACTUATOR, commanded(context.plant, ("position", "velocity", "torque"))
         ):
-            yield cls(site, [ratio(tries=(0.5, 0.75, 1.3, 1.7))])
+            damped = any(
+                is_servo(context.model, a, 1) and context.model.actuator_biasprm[a, 2] != 0 for a in site.targets
+            )
+            for form in ("strength", "stiffness") if damped else ("",):
+                yield cls(site, [ratio(tries=(0.5, 0.75, 1.3, 1.7))], form)
         measured = [i for i, c in enumerate(context.plant.inputs) if c.measured or c.actuator < 0]
         for i in measured:
             yield cls(Site(_input_name(context.plant, i), (-1 - i,)), [ratio(tries=(0.7, 0.85, 1.15, 1.4))])
@@ -120,6 +125,8 @@ class ServoGain(Effect):
             model.actuator_gainprm[target, 0] *= values[0]
             if is_servo(model, target, 1):
                 model.actuator_biasprm[target, 1] *= values[0]
+                if self.form == "strength":
+                    model.actuator_biasprm[target, 2] *= values[0]
             elif is_servo(model, target, 2):
                 model.actuator_biasprm[target, 2] *= values[0]
 
@@ -185,8 +192,10 @@ class ServoTorqueLimit(Effect):
         ):
             levels = context.scales.force[list(site.targets)].max(axis=0)
             if levels[-1] > 0:
-                tries, top = tuple(float(x) for x in levels[::-1]), 2.0 * float(levels[-1])
-                yield cls(site, [Parameter("limit", "N m", top, 0.05 * levels[-1], top, tries, 0.2 * levels[-1])])
+                # A servo that saturates lags, and the nominal one, held to its motion, then pulls far harder than it did.
+                usual, top = float(levels[0]), 2.0 * float(levels[-1])
+                tries = (float(levels[-1]), usual, 0.5 * usual, 0.2 * usual)
+                yield cls(site, [Parameter("limit", "N m", top, 0.02 * usual, top, tries, 0.2 * levels[-1])])
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         model = variant.model
