@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import mujoco
 import typer
 
-from nermo_gap.blind.cases import SMALL, Case, draw, robot_of, simulate
+from nermo_gap.blind.cases import SMALL, Case, draw, realise, robot_of
 from nermo_gap.blind.score import judged, metrics
 from nermo_gap.core.diagnose import Options, diagnose
 from nermo_gap.core.mapping import parse_map
@@ -24,7 +24,7 @@ from nermo_gap.core.recording import recording_from_table
 
 def run_case(case: Case, threads: int | None = None, baselines: bool = False) -> dict[str, Any]:
     """Record a case and diagnose it; returns its row of the score, with the ranking."""
-    simulate(case)
+    realise(case)
     robot = robot_of(case.robot)
     plant = build_plant(mujoco.MjSpec.from_string(robot.xml), parse_map(robot.mapping))
     started, busy = time.monotonic(), time.process_time()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import mujoco
@@ -27,6 +27,8 @@ HEAVY = {"quad": 0.25, "nermo_lite": 0.25}
 """Robots that take long are drawn less often, by this factor, where a fault can also sit in another one."""
 RUNAWAY = 2e4
 """A fault that moves the recording by this many noise deviations is no fault but a crash."""
+VISIBLE, _REDRAWS = 3.0, 6
+"""A fault that moves the recording by fewer noise deviations is put elsewhere, so many times at most."""
 NOISE = {"rad": 4e-4, "m": 2e-4, "mm": 0.2, "rad/s": 8e-3, "1": 3e-4}
 """Standard deviation of the sensors' noise by unit."""
 
@@ -209,6 +211,37 @@ def _second(rng: np.random.Generator, first: Injected, places: dict[str, list[Si
             return second
     assert best is not None
     return best
+
+
+def realise(case: Case) -> Case:
+    """Record a case whose faults can be seen: one that hardly moves the recording is put at another site.
+
+    A joint that hardly turns shows no inertia, and a load on a vertical axis no weight; nobody could find them. Where
+    no site shows a fault it stays where it was drawn last.
+
+    Raises ValueError as `simulate` does.
+    """
+    rng, places = np.random.default_rng([*case.seed, 2]), _all_sites(case.robot)
+    for _ in range(_REDRAWS):
+        simulate(case)
+        hidden = next((i for i in range(len(case.faults)) if _shift(case, i) < VISIBLE), None)
+        if hidden is None:
+            return case
+        old = case.faults[hidden]
+        others = {m for f in case.faults if f is not old for m in f.members}
+        drawn = [_inject(rng, fault(old.name, old.kind), places, LEVELS.index(old.level)) for _ in range(8)]
+        apart = [f for f in drawn if not set(f.members) & others]
+        elsewhere = [f for f in apart if f.site != old.site]
+        case.faults[hidden] = (elsewhere or apart or drawn)[0]
+    return simulate(case)
+
+
+def _shift(case: Case, index: int) -> float:
+    """How far one of the faults alone moves the recording [noise deviations]."""
+    if len(case.faults) == 1:
+        return case.healthy_shift
+    alone = replace(case, faults=[replace(case.faults[index], parameters={})], columns={})
+    return simulate(alone).healthy_shift
 
 
 def simulate(case: Case, robot: Robot | None = None) -> Case:

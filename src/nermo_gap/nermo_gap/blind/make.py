@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 import yaml
 
-from nermo_gap.blind.cases import SMALL, Case, draw, robot_of, simulate
+from nermo_gap.blind.cases import SMALL, Case, draw, realise, robot_of
 
 SCHEMA = "nermo_gap/blind/1"
 Progress = Callable[[int, int], None]
@@ -81,10 +81,10 @@ def make(
 def _simulated(cases: Sequence[Case], workers: int) -> Any:
     if workers <= 1:
         for i, case in enumerate(cases):
-            yield _update(cases, i, simulate(case))
+            yield _update(cases, i, realise(case))
         return
     with get_context("spawn").Pool(workers) as pool:
-        for i, case in enumerate(pool.imap(simulate, cases)):
+        for i, case in enumerate(pool.imap(realise, cases)):
             yield _update(cases, i, case)
 
 

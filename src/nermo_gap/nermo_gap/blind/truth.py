@@ -299,8 +299,9 @@ def _drive(truth: Truth, data: mujoco.MjData, command: Array, dt: float) -> None
     for change in truth.torques:
         torque = change(data, torque, dt)
     if truth.sag:
+        # Voltage over a source's resistance: what flows is what the reduced voltage still drives.
         load = float(np.abs(torque[truth.servo]).sum()) / truth.sag_at
-        torque = torque * (1.0 - min(truth.sag * load, 0.9))
+        torque = torque / (1.0 + truth.sag * load)
     control = np.where(truth.servo, torque, command + truth.offset)
     data.ctrl[:] = control
     data.qfrc_applied[:] = 0.0

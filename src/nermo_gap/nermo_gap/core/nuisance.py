@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 MASS, COM, INERTIA = 0.07, 0.06, 0.10
 PASSIVE = 0.12
 """Damping, friction loss, stiffness, armature: factors of the nominal value."""
+ARMATURE = 0.3
+"""At most, where the time step's share is added: a semi-implicit step acts as if the inertia were larger by the step
+times the damping, which a real robot is not."""
 GAIN = 0.07
 CONTACT = 0.15
 TILT = 0.008
@@ -79,7 +82,6 @@ def enumerate_nuisances(plant: Plant, output_swing: Array, input_size: Array, pe
     for field, label, sd in (
         ("dof_damping", "damping", PASSIVE),
         ("dof_frictionloss", "friction", PASSIVE),
-        ("dof_armature", "armature", PASSIVE),
         ("jnt_stiffness", "stiffness", PASSIVE),
         ("tendon_stiffness", "tendon stiffness", PASSIVE),
         ("tendon_damping", "tendon damping", PASSIVE),
@@ -88,6 +90,10 @@ def enumerate_nuisances(plant: Plant, output_swing: Array, input_size: Array, pe
         found += [
             Nuisance(f"{label} {i}", _field(field, [int(i)], sd)) for i in np.flatnonzero(getattr(model, field) > 0)
         ]
+    extra = float(model.opt.timestep) * _damping(model) if semi_implicit(model) else np.zeros(model.nv)
+    for i in np.flatnonzero(model.dof_armature > 0):
+        sd = float(np.hypot(PASSIVE, extra[i] / model.dof_armature[i]))
+        found.append(Nuisance(f"armature {i}", _field("dof_armature", [int(i)], min(sd, ARMATURE))))
     for a in range(model.nu):
         if any(c.actuator == a for c in plant.inputs):
             name = model.actuator(a).name or str(a)
@@ -120,6 +126,16 @@ def apply_nuisances(nuisances: Sequence[Nuisance], variant: Variant, z: Array) -
     for nuisance, value in zip(nuisances, z, strict=True):
         if value != 0.0:
             nuisance.apply(variant, float(value))
+
+
+def _damping(model: mujoco.MjModel) -> Array:
+    """Damping of each degree of freedom (nv,) together with that of the servos at its joint."""
+    damping = np.array(model.dof_damping)
+    for a in range(model.nu):
+        if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT:
+            dof = int(model.jnt_dofadr[model.actuator_trnid[a, 0]])
+            damping[dof] += max(-float(model.actuator_biasprm[a, 2]), 0.0) * float(model.actuator_gear[a, 0]) ** 2
+    return damping
 
 
 def _field(field: str, rows: Sequence[int], sd: float) -> Callable[[Variant, float], None]:

@@ -88,7 +88,8 @@ class ServoStep:
             force = self._gain * control + self._bias[..., 0] + self._bias[..., 1] * length
             force = np.clip(force + self._bias[..., 2] * self._velocity, self._low, self._high)
             load = np.abs(force * self._gear).sum(axis=1, keepdims=True) / self._reference
-            lost = np.clip(self._sag * load, 0.0, 0.95) * force
+            # What flows is what the reduced voltage still drives.
+            lost = self._sag * load / (1.0 + self._sag * load) * force
             control = control - np.where(self._gain == 0, 0.0, lost / np.where(self._gain == 0, 1.0, self._gain))
         if self._play:
             self._turn_motors(control, extra)

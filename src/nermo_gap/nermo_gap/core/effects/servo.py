@@ -98,7 +98,8 @@ class ServoBacklash(Effect):
 
 class ServoGain(Effect):
     """The servo is stiffer or softer than modelled, its damping with it (strength) or not (stiffness); for a motor, its
-    torque constant is another."""
+    torque constant is another.
+    """
 
     name = "servo_gain"
 
@@ -206,7 +207,7 @@ class ServoTorqueLimit(Effect):
 
 
 class SupplySag(Effect):
-    """The supply gives way under load: all servos together lose a share of their torque."""
+    """The supply gives way under load: all servos lose torque by 1 / (1 + sag * load), load their sum over the usual."""
 
     name = "supply_sag"
 
@@ -214,12 +215,14 @@ class SupplySag(Effect):
     def candidates(cls, context: Context) -> Iterable[Effect]:
         actuators = [a for a in commanded(context.plant, ("position",)) if context.model.actuator_dyntype[a] == 0]
         if actuators:
-            effect = cls(Site("all", tuple(actuators)), [Parameter("sag", "1", 0.0, 0.0, 0.9, (0.1, 0.25, 0.5), 0.1)])
+            effect = cls(
+                Site("all", tuple(actuators)), [Parameter("sag", "1", 0.0, 0.0, 5.0, (0.1, 0.3, 0.8, 2.0), 0.1)]
+            )
             effect._reference = float(context.scales.force[actuators, -1].sum()) or 1.0
             yield effect
 
     _reference = 1.0
-    """Joint force of all servos together at which the share ``sag`` is lost."""
+    """Force of all servos together that counts as a load of 1."""
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         variant.servos.sag += values[0]
