@@ -91,9 +91,9 @@ def enumerate_nuisances(plant: Plant, output_swing: Array, input_size: Array, pe
             Nuisance(f"{label} {i}", _field(field, [int(i)], sd)) for i in np.flatnonzero(getattr(model, field) > 0)
         ]
     extra = float(model.opt.timestep) * _damping(model) if semi_implicit(model) else np.zeros(model.nv)
-    for i in np.flatnonzero(model.dof_armature > 0):
-        sd = float(np.hypot(PASSIVE, extra[i] / model.dof_armature[i]))
-        found.append(Nuisance(f"armature {i}", _field("dof_armature", [int(i)], min(sd, ARMATURE))))
+    for dof in np.flatnonzero(model.dof_armature > 0):
+        sd = float(np.hypot(PASSIVE, extra[dof] / model.dof_armature[dof]))
+        found.append(Nuisance(f"armature {dof}", _field("dof_armature", [int(dof)], min(sd, ARMATURE))))
     for a in range(model.nu):
         if any(c.actuator == a for c in plant.inputs):
             name = model.actuator(a).name or str(a)

@@ -193,7 +193,7 @@ class ServoTorqueLimit(Effect):
         ):
             levels = context.scales.force[list(site.targets)].max(axis=0)
             if levels[-1] > 0:
-                # A servo that saturates lags, and the nominal one, held to its motion, then pulls far harder than it did.
+                # A servo that saturates lags, and the nominal one, held to its motion, then pulls far harder.
                 usual, top = float(levels[0]), 2.0 * float(levels[-1])
                 tries = (float(levels[-1]), usual, 0.5 * usual, 0.2 * usual)
                 yield cls(site, [Parameter("limit", "N m", top, 0.02 * usual, top, tries, 0.2 * levels[-1])])
@@ -207,7 +207,7 @@ class ServoTorqueLimit(Effect):
 
 
 class SupplySag(Effect):
-    """The supply gives way under load: all servos lose torque by 1 / (1 + sag * load), load their sum over the usual."""
+    """The supply gives way under load: all servos' torque falls by 1 / (1 + sag * load), load their usual sum being 1."""
 
     name = "supply_sag"
 
