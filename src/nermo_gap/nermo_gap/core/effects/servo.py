@@ -207,7 +207,7 @@ class ServoTorqueLimit(Effect):
 
 
 class SupplySag(Effect):
-    """The supply gives way under load: all servos' torque falls by 1 / (1 + sag * load), load their usual sum being 1."""
+    """The supply gives way: all servos lose torque by 1 / (1 + sag * load), where load is their sum over the usual."""
 
     name = "supply_sag"
 
