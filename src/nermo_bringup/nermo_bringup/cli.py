@@ -94,7 +94,9 @@ def launch_file(
 
 @app.command()
 def up(
-    robot: Annotated[str, typer.Option(help="nermo, nermo_lite, or the path of a parameter file.")] = "nermo_lite",
+    robot: Annotated[
+        str, typer.Option(help="nermo, nermo_lite, a mouse's parameter file, or cheetah_cub.")
+    ] = "nermo_lite",
     target: Annotated[
         str, typer.Option(help="sim: the MuJoCo twin. serial: the robot at a cable. link: over Wi-Fi.")
     ] = "sim",
@@ -108,6 +110,7 @@ def up(
     \b
     nermo up
     nermo up --robot nermo --record recordings/today
+    nermo up --robot cheetah_cub
     nermo up teleop:=none real_time_factor:=0.5
     """
     from nermo_bringup.launch.command import bring_up

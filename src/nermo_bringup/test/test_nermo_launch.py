@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from nermo_bringup.launch.command import bring_up
 from nermo_bringup.launch.description import load, load_arguments
 from nermo_bringup.launch.xml import LaunchError
+from nermo_description.results import CommandError
 
 FILE = Path(__file__).parents[1] / "launch" / "nermo.launch.xml"
 CONTROL = {"gait_knowledge_base", "high_level_controller", "motion_module", "trajectory_generator", "state_publisher"}
@@ -86,3 +88,8 @@ def test_arguments_are_listed_with_their_meaning():
 def test_wrong_target_is_refused():
     with pytest.raises(LaunchError, match="target:=moon is not one of: sim, serial, link"):
         load(FILE, {"target": "moon"})
+
+
+def test_cheetah_cub_has_no_electronics():
+    with pytest.raises(CommandError, match="--target serial: there are no electronics for cheetah_cub"):
+        bring_up("cheetah_cub", "serial", "", [])

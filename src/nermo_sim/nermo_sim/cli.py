@@ -45,7 +45,17 @@ _COLUMNS = {
         *("controller", "change", "width_m", "runs", "crossed", "rate", "rate_low", "rate_high", "fell"),
         "largest_change_mm",
     ),
-    "transition": ("compensation", "repeat", "omega_rad_s", "excitation_hz", "stride_hz", "gait", "lags", "speed_m_s"),
+    "transition": (
+        "compensation",
+        "running_start",
+        "repeat",
+        "omega_rad_s",
+        "excitation_hz",
+        "stride_hz",
+        "gait",
+        "lags",
+        "speed_m_s",
+    ),
     "stability": (
         *(
             "model",

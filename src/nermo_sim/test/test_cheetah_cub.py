@@ -127,3 +127,14 @@ def test_sweep_begins_with_standing(monkeypatch):
     resting, walking = phases[:, 0] < 0.95, phases[:, 0] > 1.1
     assert np.ptp(phases[resting, 1:], axis=0).max() < 0.1  # they rest
     assert np.abs(phases[walking, 1:] - phases[0, 1:]).max(axis=0).min() > 0.1  # they leave it
+
+
+def test_sweep_with_a_running_start_runs(monkeypatch):
+    monkeypatch.setattr(transition, "QUICK_HOLD", 1.5)
+    monkeypatch.setattr(transition, "THESIS_LEVELS", transition.RUNNING_LEVEL)
+    case = transition.Case(False, running=True)
+    settings = Settings("cheetah_cub", quick=True, disturbance=NO_DISTURBANCE)
+    found = transition.run(Job(case, 0, settings))
+    (row,) = transition.table([case], settings, None, [[found]])
+    assert not found["fell"] and row["running_start"]
+    assert row["excitation_hz"] == 2.25 and row["speed_m_s"] > 0.1

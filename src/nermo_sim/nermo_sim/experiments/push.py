@@ -19,7 +19,7 @@ from nermo_sim.experiments import coordination
 from nermo_sim.experiments.runs import FALLEN, SETTLE, Job, Result, Settings, full_speed, standing_loop
 from nermo_sim.loop import constant
 
-PUSHES = (1.2, 1.8, 2.4, 3.0, 3.6, 4.8)
+PUSHES = (1.2, 1.4, 1.6, 1.8, 2.0, 2.4)
 """[N], to the left, for `coordination.PUSH_DURATION`; a mouse weighs about 2.8 N."""
 BEFORE, AFTER = 5.0, 6.0
 """Walking before the push and after it [s]."""
@@ -43,7 +43,7 @@ class Case:
 def cases(quick: bool) -> list[Case]:
     """The clock, and Tegotae on the true and on the felt loads, under growing pushes."""
     kinds: list[tuple[Coordination, str]] = [("timed", "-"), ("tegotae", "true"), ("tegotae", "estimated")]
-    pushes = PUSHES[1::3] if quick else PUSHES
+    pushes = PUSHES[::3] if quick else PUSHES
     return [Case(kind, loads, push) for kind, loads in (kinds[:2] if quick else kinds) for push in pushes]
 
 

@@ -44,6 +44,26 @@ SWEEP_SHAPE = LocusShape(
 at 2.86 Hz falls as soon as it is asked to go slowly."""
 SWEEP_REAR_OFFSET = -0.003
 """x_o of its rear legs [m]."""
+RUNNING_FRONT = LocusShape(
+    height=0.10662,
+    step_height=0.01297,
+    offset=0.01188,
+    compression=0.547,
+    touch_down_angle=1.2,
+    take_off_angle=1.097,
+)
+RUNNING_REAR = LocusShape(
+    height=0.10662,
+    step_height=0.01297,
+    offset=-0.03208,
+    compression=0.9596,
+    touch_down_angle=1.904,
+    take_off_angle=1.654,
+)
+RUNNING_STEP, RUNNING_FEEDBACK = 0.105, 3.0
+"""Foot paths, L [m] and sigma of the running start: of 94 gaits the fastest that the oscillators of `cpg` pace with."""
+RUNNING_LEVEL, MOUSE_RUNNING_LEVEL = 9, 3
+"""Where a running start begins, in steps of the excitation: Cheetah-Cub and the mouse trot there."""
 SERIES_EVERY = 0.05
 """[s]"""
 
@@ -53,16 +73,18 @@ class Case:
     """One sweep."""
 
     compensation: bool
+    running: bool = False
+    """Whether it begins at an excitation at which the robot trots, and not from standing."""
 
     @property
     def key(self) -> str:
         """Name of the sweep."""
-        return f"tegotae, compensation {'on' if self.compensation else 'off'}"
+        return f"tegotae, compensation {'on' if self.compensation else 'off'}{', running start' * self.running}"
 
 
 def cases(quick: bool) -> list[Case]:
-    """Without and with fixed-point compensation."""
-    return [Case(False)] if quick else [Case(False), Case(True)]
+    """Without and with fixed-point compensation, and without from a running start on."""
+    return [Case(False)] if quick else [Case(False), Case(True), Case(False, running=True)]
 
 
 def run(job: Job[Case]) -> Result:
@@ -75,7 +97,9 @@ def run(job: Job[Case]) -> Result:
     walking.run(constant(ControlCommand(0, posture=Posture.STAND)), 0.5 * SETTLE, record=False)
     hold = QUICK_HOLD if job.settings.quick else HOLD
     levels: list[dict[str, Any]] = []
-    for number in range(1, math.floor(2.0 * math.pi * MAX_GAIT_FREQUENCY / STEP) + 1):
+    for number in range(
+        MOUSE_RUNNING_LEVEL if job.case.running else 1, math.floor(2.0 * math.pi * MAX_GAIT_FREQUENCY / STEP) + 1
+    ):
         frequency = number * STEP / (2.0 * math.pi)
         command = ControlCommand(
             0, forward_velocity=STRIDE * frequency / 0.5, gait=coordination.GAIT, gait_frequency=frequency
@@ -90,13 +114,16 @@ def run(job: Job[Case]) -> Result:
 
 
 def _sweep_pantograph(job: Job[Case]) -> Result:
-    """As C does, from standing on; `series` has the oscillators' phases over time."""
-    oscillators = OscillatorSettings(feedback=SWEEP_FEEDBACK, fixed_point_compensation=job.case.compensation)
+    """As C does, from standing on, or from a running start; `series` has the oscillators' phases over time."""
+    running = job.case.running
+    oscillators = OscillatorSettings(
+        feedback=RUNNING_FEEDBACK if running else SWEEP_FEEDBACK, fixed_point_compensation=job.case.compensation
+    )
     gait = PantographGait(
         kind="tegotae",
         oscillators=oscillators,
-        front=SWEEP_SHAPE,
-        rear=SWEEP_SHAPE.model_copy(update={"offset": -0.003}),
+        front=RUNNING_FRONT if running else SWEEP_SHAPE,
+        rear=RUNNING_REAR if running else SWEEP_SHAPE.model_copy(update={"offset": SWEEP_REAR_OFFSET}),
     )
     walking = pantograph.standing_pantograph(job, gait)
     disturbed = DisturbedRun(walking.twin, job.settings.disturbance, job.seed)
@@ -115,8 +142,9 @@ def _sweep_pantograph(job: Job[Case]) -> Result:
             series.append([round(time, 3), *(round(phase, 3) for phase in walking.controller.phases)])
         count += 1
 
-    for number in range(0, THESIS_LEVELS + 1, 4 if job.settings.quick else 1):
-        command = pantograph.trot(gait, SHORT_STEP, number * STEP / (2.0 * math.pi))
+    first = RUNNING_LEVEL if running else 0
+    for number in range(first, THESIS_LEVELS + 1, 4 if job.settings.quick else 1):
+        command = pantograph.trot(gait, RUNNING_STEP if running else SHORT_STEP, number * STEP / (2.0 * math.pi))
         recording = walking.run(
             constant(command), hold, until=lambda twin: twin.tilt() > FALLEN, before_tick=before_tick
         )
@@ -148,7 +176,7 @@ def _level(number: int, recording: Recording, touching: float) -> dict[str, Any]
 def table(cases: Sequence[Case], settings: Settings, robot: RobotParameters, results: list[list[Result]]) -> list[Any]:
     """One row a step of each sweep."""
     return [
-        {"compensation": case.compensation, "repeat": repeat, **level}
+        {"compensation": case.compensation, "running_start": case.running, "repeat": repeat, **level}
         for case, runs in zip(cases, results, strict=True)
         for repeat, one in enumerate(runs)
         for level in one["levels"]
@@ -158,7 +186,12 @@ def table(cases: Sequence[Case], settings: Settings, robot: RobotParameters, res
 def series(cases: Sequence[Case], results: list[list[Result]]) -> list[dict[str, Any]]:
     """Time [s] and the four oscillators' phases [rad] of each sweep that has them, a list a sweep."""
     return [
-        {"compensation": case.compensation, "repeat": repeat, "phases": one["series"]}
+        {
+            "compensation": case.compensation,
+            "running_start": case.running,
+            "repeat": repeat,
+            "phases": one["series"],
+        }
         for case, runs in zip(cases, results, strict=True)
         for repeat, one in enumerate(runs)
         if "series" in one

@@ -108,21 +108,25 @@ def _crossings(axes: Any, runs: list[dict[str, Any]], width: float) -> None:
 
 def transitions(facts: dict[str, Any]) -> Figure:
     """C figure 3.7: phases relative to the rear left leg over time, or lags of the footfalls, and the gaits' names."""
-    sweeps = list(dict.fromkeys((row["compensation"], row["repeat"]) for row in facts["rows"]))
+    sweeps = list(dict.fromkeys(_sweep(row) for row in facts["rows"]))
     figure = Figure(figsize=(WIDTH, 2.6 * len(sweeps) + 0.6), layout="constrained")
     grid = np.atleast_1d(figure.subplots(len(sweeps), 1))
-    for axes, (compensation, repeat) in zip(grid, sweeps, strict=True):
-        rows = [row for row in facts["rows"] if (row["compensation"], row["repeat"]) == (compensation, repeat)]
+    for axes, sweep in zip(grid, sweeps, strict=True):
+        rows = [row for row in facts["rows"] if _sweep(row) == sweep]
+        compensation, running, repeat = sweep
         for leg, label in enumerate(("front left", "front right", "rear right")):
             known = [row for row in rows if row["lags"] and row["lags"][leg] is not None]
             lags = [2.0 * np.pi * row["lags"][leg] for row in known]
             axes.plot([row["omega_rad_s"] for row in known], lags, "o", color=f"C{leg}", label=label)
-        _phases(axes, facts, compensation, repeat, [row["omega_rad_s"] for row in rows])
+        _phases(axes, facts, sweep, [row["omega_rad_s"] for row in rows])
         for row in rows:
             axes.text(row["omega_rad_s"], 6.4, row["gait"].replace("_", " "), rotation=60, fontsize=7, ha="left")
         axes.set(xlabel="excitation [rad/s]", ylabel="behind rear left [rad]", ylim=(0.0, 2.0 * np.pi))
         axes.set_title(
-            f"compensation {'on' if compensation else 'off'}, run {repeat}", loc="left", fontsize="small", pad=42
+            f"compensation {'on' if compensation else 'off'}{', running start' * running}, run {repeat}",
+            loc="left",
+            fontsize="small",
+            pad=42,
         )
         axes.grid(alpha=0.3)
     if grid[0].get_legend_handles_labels()[0]:
@@ -130,10 +134,14 @@ def transitions(facts: dict[str, Any]) -> Figure:
     return figure
 
 
-def _phases(axes: Any, facts: dict[str, Any], compensation: bool, repeat: int, levels: list[float]) -> None:
+def _sweep(row: dict[str, Any]) -> tuple[bool, bool, int]:
+    return row["compensation"], row["running_start"], row["repeat"]
+
+
+def _phases(axes: Any, facts: dict[str, Any], sweep: tuple[bool, bool, int], levels: list[float]) -> None:
     """The oscillators' differences, over the excitation that time stands for."""
     for one in facts.get("series", []):
-        if (one["compensation"], one["repeat"]) != (compensation, repeat) or len(one["phases"]) < 2:
+        if _sweep(one) != sweep or len(one["phases"]) < 2:
             continue
         table = np.array(one["phases"])
         hold = table[-1, 0] / len(levels)
