@@ -25,7 +25,7 @@ Progress = Callable[[float], None]
 
 RIVALS = 3
 """Hypotheses that are compared, the winner among them."""
-TRIED, TRIED_HEAVY = 8, 3
+TRIED, TRIED_HEAVY = 5, 3
 """Experiments that are worked out in full: those on which the rivals as fitted differ most; fewer of a heavy model."""
 WORTH = 1.0
 """[nats] An experiment that promises less settles nothing."""
