@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from nermo_gap.blind.cases import SMALL, Case, draw, robot_of, simulate, told
 from nermo_gap.blind.faults import FAULTS, UNKNOWN, Fault, Scale
 from nermo_gap.blind.make import BlindError, make
-from nermo_gap.blind.run import run
+from nermo_gap.blind.run import experiment_file, run
 from nermo_gap.blind.score import confusion, judged, metrics, score
+from nermo_gap.blind.settle import settle
 from nermo_gap.blind.sites import sites
 from nermo_gap.blind.truth import PERIOD, Link, Run, Soft, Truth, build, record
 from nermo_gap.core.isolability import angle_matrix
@@ -26,8 +27,8 @@ from nermo_gap.core.library import effect_classes
 
 Array = NDArray[np.float64]
 
-SMALL_CHECK = 10
-"""A seed that gives one case without and one with a fault."""
+SMALL_CHECK = 34
+"""A seed that gives six cases of all four kinds."""
 
 
 def test_the_truth_shares_no_code_with_the_library() -> None:
@@ -143,14 +144,25 @@ def test_the_same_case_gives_the_same_bytes() -> None:
 
 
 def test_a_small_check_is_made_diagnosed_and_scored(tmp_path: Path) -> None:
-    """Two sealed cases from end to end, each diagnosed by a process of its own with the whole library."""
+    """Six sealed cases from end to end, each diagnosed by a process of its own with the whole library."""
     folder, answers, out = tmp_path / "check", tmp_path / "sealed", tmp_path / "results"
-    make(folder, answers, 2, seed=SMALL_CHECK, robots=("pendulum",), seconds=6.0)
-    found = run(folder, out, threads=1, baselines=False, answers=[answers])
+    make(folder, answers, 6, seed=SMALL_CHECK, robots=("pendulum", "cart_pole"), seconds=6.0, workers=2)
+    found = run(folder, out, workers=2, threads=1, baselines=False, answers=[answers])
     assert {row["status"] for row in found.values()} == {"done"}
     scored = score(folder, answers, out)
-    assert scored["scored"] == 2 and {r["kind"] for r in scored["cases"]} == {"none", "single"}
-    assert all(r["correct"] for r in scored["cases"]), [(r["truth"], r["verdict"], r["found"]) for r in scored["cases"]]
+    wrong = [(r["truth"], r["verdict"], r["found"]) for r in scored["cases"] if not r["correct"]]
+    assert scored["scored"] == 6 and {r["kind"] for r in scored["cases"]} == {"none", "single", "pair", "unknown"}
+    assert len(wrong) <= 1 and scored["false_alarms"]["value"] == 0.0, wrong
+    asked = [i for i, row in found.items() if row["verdict"] == "ambiguous" and experiment_file(out, i).exists()]
+    if asked:
+        again = tmp_path / "next"
+        assert settle(folder, answers, out, again) == asked
+        assert all(len(list((again / "data" / i).glob("recording*.npz"))) == 2 for i in asked)
+        settled = run(again, tmp_path / "settled", cases=asked[:1], threads=1, baselines=False, answers=[answers])
+        assert settled[asked[0]]["status"] == "done"
+    else:
+        with pytest.raises(BlindError, match="no ambiguous case"):
+            settle(folder, answers, out, tmp_path / "next")
     (answers / "000.json").write_text("{}")
     with pytest.raises(BlindError, match="not the answer that was sealed"):
         score(folder, answers, out)
