@@ -93,7 +93,7 @@ def _cells(axes: Axes, values: Array, top: float, rows: list[str], columns: list
             axes.text(j + 0.5, i + 0.5, _short(value), ha="center", va="center", fontsize=8.5, color=tone)
     axes.set_xticks(np.arange(len(columns)) + 0.5, columns)
     axes.set_yticks(np.arange(len(rows)) + 0.5, rows)
-    axes.invert_yaxis()
+    axes.set_ylim(len(rows), 0)
     calm(axes)
 
 
