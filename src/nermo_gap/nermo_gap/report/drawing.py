@@ -41,10 +41,12 @@ def draw_robot(
         outline = _outline(model, data, g, right, up)
         if outline is not None:
             shapes.append((float(data.geom_xpos[g] @ toward), int(model.geom_bodyid[g]), outline))
-    figure = Figure(figsize=(5.4, 4.4), layout="constrained")
-    axes = figure.subplots()
     low, high = _bounds([s[2] for s in shapes])
     size = float((high - low).max())
+    # As tall as the robot is, or the names beside it: a long mouse needs no tower.
+    tall = max(float(high[1] - low[1]), 0.11 * size * (len(labels) + 1) / 2)
+    figure = Figure(figsize=(5.4, float(np.clip(0.4 + 5.4 * tall / (1.3 * size), 1.8, 4.4))), layout="constrained")
+    axes = figure.subplots()
     for _, body, outline in sorted(shapes, key=lambda s: s[0]):
         axes.add_patch(_patch(outline, heat.get(body), body in causes))
     _label(axes, data, labels, right, up, (float(low[0]), float(high[0])), size)
