@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from typing import TypeVar
@@ -24,8 +23,7 @@ def run_batch(
     """Yields each job with its result as soon as it is done, in no fixed order.
 
     workers: processes; None is one a processor, and 1 (or a single job) stays in this process. An exception in a job
-    comes out here, and the jobs that have not begun are dropped. So they are at Ctrl-C, which ends this when the jobs
-    under way are done.
+    comes out here, and the jobs that have not begun are dropped.
     """
     waiting = list(jobs)
     count = min(workers or processors(), len(waiting))
@@ -34,9 +32,7 @@ def run_batch(
             yield job, function(job)
         return
     # A fresh interpreter for each worker: forking would copy the threads of whoever calls.
-    # A terminal interrupts them all; a worker that dies while it fetches a job would leave the others waiting for ever.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(count, context, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool:
+    with ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn")) as pool:
         futures = {pool.submit(function, job): job for job in waiting}
         try:
             for future in as_completed(futures):

@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -75,36 +70,3 @@ def test_batch_returns_every_job_with_its_result(workers: int) -> None:
 def test_batch_lets_an_error_out() -> None:
     with pytest.raises(TypeError):
         list(run_batch(abs, ["a", "b"], 2))
-
-
-_INTERRUPTED = """
-import pathlib, sys, time
-from nermo_sim.batch import run_batch
-
-def job(name):
-    pathlib.Path(sys.argv[1], name).touch()
-    time.sleep(0.2)
-
-if __name__ == "__main__":
-    list(run_batch(job, [str(i) for i in range(2000)], 2))
-"""
-
-
-def test_ctrl_c_ends_a_batch(tmp_path: Path) -> None:
-    """A terminal sends it to the workers too; a batch that then hangs must be killed by hand."""
-    script, begun = tmp_path / "jobs.py", tmp_path / "begun"
-    script.write_text(_INTERRUPTED)
-    begun.mkdir()
-    process = subprocess.Popen(
-        [sys.executable, str(script), str(begun)], start_new_session=True, stderr=subprocess.PIPE, text=True
-    )
-    try:
-        while not any(begun.iterdir()):
-            assert process.poll() is None
-            time.sleep(0.05)
-        os.killpg(process.pid, signal.SIGINT)
-        _, told = process.communicate(timeout=60.0)
-    finally:
-        process.kill()
-    assert process.returncode != 0
-    assert told.count("Traceback") == 1, told
