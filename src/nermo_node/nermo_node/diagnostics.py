@@ -17,6 +17,22 @@ Status = tuple[bytes, str, Mapping[str, object]]
 """Level (OK, WARN, ERROR, STALE), a sentence, and values by name with their unit in the name."""
 
 
+class Ticks:
+    """Counts the ticks of a control node, and how many came since its diagnostics last told."""
+
+    def __init__(self) -> None:
+        self.total = self._told = 0
+
+    def count(self) -> None:
+        """One more."""
+        self.total += 1
+
+    def since_told(self) -> int:
+        """Ticks since this was last asked, about a second ago."""
+        ticks, self._told = self.total - self._told, self.total
+        return ticks
+
+
 class Diagnostics:
     """Publishes the status that each function of `parts` gives, by the name of the part it speaks of.
 

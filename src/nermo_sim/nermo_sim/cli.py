@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -275,8 +276,7 @@ def push(
         [("pushes", "Survived, and recovered when", modulation.pushes(facts))],
         [("Pushes", facts["rows"])],
     )
-    console.print(f"pictures: {', '.join(map(str, pages))}")
-    _write(json, "push", {**facts, "pictures": pages}, settings)
+    _write_with_pictures(json, "push", facts, pages, settings)
 
 
 @experiment_app.command("footstep")
@@ -310,8 +310,7 @@ def footstep(
         [("footsteps", "Displacement (C figures 3.5, 3.8)", modulation.footsteps(facts))],
         [("Linear fit", fit), ("Footsteps", facts["rows"])],
     )
-    console.print(f"pictures: {', '.join(map(str, pages))}")
-    _write(json, "footstep", {**facts, "pictures": pages}, settings)
+    _write_with_pictures(json, "footstep", facts, pages, settings)
 
 
 @experiment_app.command("gap-step")
@@ -359,8 +358,7 @@ def gap_step(
     if video:
         case = experiment.Case("cpg", "each", experiment.WIDTHS[1])
         pages += film(out / "gap-step" / "gap_step.mp4", *experiment.filmed(case, settings))
-    console.print(f"pictures: {', '.join(map(str, pages))}")
-    _write(json, "gap-step", {**facts, "disturbed": disturbed, "pictures": pages}, settings)
+    _write_with_pictures(json, "gap-step", {**facts, "disturbed": disturbed}, pages, settings)
 
 
 @experiment_app.command("transition")
@@ -392,8 +390,7 @@ def transition(
         [("gaits", "Lags of the footfalls, and phases (C figure 3.7)", modulation.transitions(facts))],
         [("Gaits", facts["rows"])],
     )
-    console.print(f"pictures: {', '.join(map(str, pages))}")
-    _write(json, "transition", {**facts, "pictures": pages}, settings)
+    _write_with_pictures(json, "transition", facts, pages, settings)
 
 
 @experiment_app.command("stability")
@@ -435,8 +432,7 @@ def stability(
         ],
         [("Steps", facts["rows"]), ("Cost of transport", facts["transport"])],
     )
-    console.print(f"pictures: {', '.join(map(str, pages))}")
-    _write(json, "stability", {**facts, "pictures": pages}, settings)
+    _write_with_pictures(json, "stability", facts, pages, settings)
 
 
 @experiment_app.command("all")
@@ -503,6 +499,14 @@ def _run(name: str, settings: Any, out: Path, workers: int | None) -> dict[str, 
 def _write(json: Path | None, name: str, facts: dict[str, Any], settings: Any) -> None:
     if json is not None:
         write_results(json, name, facts, robot=settings.robot, seed=settings.seed)
+
+
+def _write_with_pictures(
+    json: Path | None, name: str, facts: dict[str, Any], pictures: Sequence[Path], settings: Any
+) -> None:
+    """Says where the pictures are, to the reader and in the file."""
+    console.print(f"pictures: {', '.join(map(str, pictures))}")
+    _write(json, name, {**facts, "pictures": pictures}, settings)
 
 
 def _straight_line_pictures(settings: Any, rows: list[dict[str, Any]], out: Path, video: bool) -> list[Path]:

@@ -21,7 +21,7 @@ from nermo_control.types import Imu, LegLoads, MotionCommand, MotionOutput
 from nermo_interfaces import msg
 from nermo_node import qos, run
 from nermo_node.complaints import Complaints
-from nermo_node.diagnostics import OK, WARN, Diagnostics, Status
+from nermo_node.diagnostics import OK, WARN, Diagnostics, Status, Ticks
 from nermo_node.parameters import declare
 from nermo_node.synchronizer import TickSynchronizer
 from nermo_node.time import to_nanoseconds
@@ -61,7 +61,7 @@ class MotionModuleNode(Node):
         self._waiting: tuple[int, Mapping[str, Any]] | None = None
         self._asked: msg.LegStates | None = None
         """Leg states with a request that is not answered yet."""
-        self._ticks = self._told_ticks = 0
+        self._ticks = Ticks()
         self._walking = False
         self._refused = Complaints(self, "refused")
         self._clamped = Complaints(self, "clamped")
@@ -172,7 +172,7 @@ class MotionModuleNode(Node):
         self._servo_commands.publish(self._servos.command(stamp, output.servo_positions))
         self._publish_leg_states(output)
         self._clamped.add(output.warnings)
-        self._ticks += 1
+        self._ticks.count()
 
     def _publish_leg_states(self, output: MotionOutput) -> None:
         message = conversions.leg_states_to_message(output.leg_states)
@@ -182,8 +182,8 @@ class MotionModuleNode(Node):
         self._walking = output.leg_states.gait_frequency > 0.0
 
     def _state(self) -> Status:
-        ticks, self._told_ticks = self._ticks - self._told_ticks, self._ticks
-        values = {"ticks": self._ticks, "ticks_in_last_second": ticks}
+        ticks = self._ticks.since_told()
+        values = {"ticks": self._ticks.total, "ticks_in_last_second": ticks}
         if self._module is None:
             return WARN, "waiting for gait_parameters", values
         if ticks == 0:

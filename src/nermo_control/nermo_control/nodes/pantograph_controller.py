@@ -19,7 +19,7 @@ from nermo_description.robots import ParameterError, load_any_robot
 from nermo_interfaces import msg
 from nermo_node import qos
 from nermo_node.complaints import Complaints
-from nermo_node.diagnostics import OK, WARN, Diagnostics, Status
+from nermo_node.diagnostics import OK, WARN, Diagnostics, Status, Ticks
 from nermo_node.parameters import blame, declare
 from nermo_node.run import run
 from nermo_node.time import to_nanoseconds
@@ -68,7 +68,7 @@ class PantographControllerNode(Node):
         self._motion = PantographMotion(robot, saved, round(1e9 / parameters.control_rate), parameters)
         self._command: ControlCommand | None = None
         self._loads: LegLoads | None = None
-        self._ticks = self._told_ticks = 0
+        self._ticks = Ticks()
         self._walking = False
         self._refused = Complaints(self, "refused")
         self._clamped = Complaints(self, "clamped")
@@ -110,11 +110,11 @@ class PantographControllerNode(Node):
         self._leg_states.publish(conversions.leg_states_to_message(output.leg_states))
         self._clamped.add(output.warnings)
         self._walking = output.leg_states.gait_frequency > 0.0
-        self._ticks += 1
+        self._ticks.count()
 
     def _state(self) -> Status:
-        ticks, self._told_ticks = self._ticks - self._told_ticks, self._ticks
-        values = {"ticks": self._ticks, "ticks_in_last_second": ticks}
+        ticks = self._ticks.since_told()
+        values = {"ticks": self._ticks.total, "ticks_in_last_second": ticks}
         if ticks == 0:
             return WARN, "no servo_states", values
         return OK, "walking" if self._walking else "standing", values

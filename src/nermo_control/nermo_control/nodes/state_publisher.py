@@ -22,7 +22,7 @@ from nermo_control.odometry import BaseState, LegOdometry, Quaternion
 from nermo_interfaces.msg import ServoStates
 from nermo_node import qos, run
 from nermo_node.complaints import Complaints
-from nermo_node.diagnostics import OK, WARN, Diagnostics, Status
+from nermo_node.diagnostics import OK, WARN, Diagnostics, Status, Ticks
 from nermo_node.parameters import declare
 from nermo_node.time import to_nanoseconds
 
@@ -67,7 +67,7 @@ class StatePublisherNode(Node):
         self._legs = LegOdometry(robot)
         self._imu: Imu | None = None
         self._refused = Complaints(self, "refused")
-        self._ticks = self._told_ticks = 0
+        self._ticks = Ticks()
 
         self._odometry = self.create_publisher(Odometry, "odom", qos.SENSOR)
         self._transforms = self.create_publisher(TFMessage, "/tf", qos.TRANSFORM)
@@ -107,7 +107,7 @@ class StatePublisherNode(Node):
         odometry.header.frame_id = f"{self._prefix}odom"
         odometry.child_frame_id = f"{self._prefix}base_link"
         self._odometry.publish(odometry)
-        self._ticks += 1
+        self._ticks.count()
         stamp = to_nanoseconds(odometry.header.stamp)
         if self._tf_stamp is None or not 0 <= stamp - self._tf_stamp < self._tf_period:
             self._tf_stamp = stamp
@@ -132,7 +132,7 @@ class StatePublisherNode(Node):
         return [footprint, base]
 
     def _state(self) -> Status:
-        ticks, self._told_ticks = self._ticks - self._told_ticks, self._ticks
+        ticks = self._ticks.since_told()
         values = {"source": "truth" if self._use_truth else "legs", "ticks_in_last_second": ticks}
         if ticks == 0:
             return WARN, "no truth/odom" if self._use_truth else "no servo_states", values
