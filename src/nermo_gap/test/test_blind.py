@@ -143,6 +143,7 @@ def test_the_same_case_gives_the_same_bytes() -> None:
     assert all(np.array_equal(one.columns[c], two.columns[c]) for c in one.columns)
 
 
+@pytest.mark.timeout(900)
 def test_a_small_check_is_made_diagnosed_and_scored(tmp_path: Path) -> None:
     """Six sealed cases from end to end, each diagnosed by a process of its own with the whole library."""
     folder, answers, out = tmp_path / "check", tmp_path / "sealed", tmp_path / "results"

@@ -16,7 +16,8 @@ from typer.testing import CliRunner
 
 from nermo_gap.cli import gap_app
 from nermo_gap.core.diagnose import Diagnosis, Options, diagnose
-from nermo_gap.core.fit import Fitter, Hypothesis
+from nermo_gap.core.fit import Fitter
+from nermo_gap.core.hypothesis import Hypothesis
 from nermo_gap.core.nuisance import enumerate_nuisances
 from nermo_gap.core.recording import recording_from_table
 from nermo_gap.core.replay import Replayer

@@ -11,6 +11,7 @@ from robots import ARM, LEG, MODELS, aligned_of, simulate
 
 from nermo_gap.core.effects.base import Context, Effect, group_names
 from nermo_gap.core.effects.body import shift_com
+from nermo_gap.core.effects.contact import soften_onset
 from nermo_gap.core.errors import GapInputError
 from nermo_gap.core.library import effect_classes, enumerate_effects, load_effects
 from nermo_gap.core.nuisance import apply_nuisances, enumerate_nuisances
@@ -125,6 +126,26 @@ def test_nuisances_move_the_model_both_ways() -> None:
             )
         assert np.abs(changed[0] - changed[1]).max() > 0, nuisance.name
         assert np.abs(changed[2] - changed[0]).max() > np.abs(changed[2] - changed[1]).max(), nuisance.name
+
+
+def test_a_softer_onset_lets_a_landing_change_without_jumps() -> None:
+    """A ball that falls a little faster lands a time step earlier at once, unless the contact sets in softly."""
+    xml = """<mujoco><option timestep="0.001"/><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 0.03">
+    <joint type="slide" axis="0 0 1"/><geom type="sphere" size="0.01" mass="0.1"/></body></worldbody></mujoco>"""
+
+    def jump(soft: bool) -> float:
+        model = mujoco.MjModel.from_xml_string(xml)
+        if soft:
+            soften_onset(model)
+        heights = []
+        for faster in np.linspace(1.0, 1.05, 51):
+            data = mujoco.MjData(model)
+            model.opt.gravity[2] = -9.81 * faster
+            mujoco.mj_step(model, data, 80)
+            heights.append(float(data.qpos[0]))
+        return float(np.abs(np.diff(heights)).max())
+
+    assert jump(soft=True) < 0.25 * jump(soft=False)
 
 
 def test_groups_come_from_shared_words() -> None:

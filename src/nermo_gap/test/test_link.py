@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from robots import aligned_of, simulate
 
+from nermo_gap.core.chance import Chance
 from nermo_gap.core.effects.base import Context, Effect
 from nermo_gap.core.effects.growing import Growing
-from nermo_gap.core.fit import Fitter, Hypothesis
+from nermo_gap.core.fit import Fitter
+from nermo_gap.core.hypothesis import Hypothesis
+from nermo_gap.core.lateness import Lateness
 from nermo_gap.core.library import enumerate_effects
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.residual import Residuals
 from nermo_gap.core.scales import measure_scales
+from nermo_gap.core.select import Selection, Selector
 from nermo_gap.core.signal_path import shape_inputs
 from nermo_gap.core.variant import Variant
 from nermo_gap.core.windows import cut
@@ -51,11 +58,69 @@ def test_loss_is_the_mean_of_lossy_links() -> None:
     assert np.abs(told - acting).max() > 10 * error.max()
 
 
-def test_jitter_is_the_mean_of_late_links() -> None:
-    told, acting, period = _acting("link_jitter", 0.08)
-    rows = np.arange(len(told), dtype=float)
-    late = [np.interp(rows - d / period, rows, told) for d in np.linspace(0.0, 0.08, 200)]
-    np.testing.assert_allclose(acting, np.mean(late, axis=0), atol=0.002 * np.ptp(told))
+def test_jitter_is_the_mean_of_links_whose_newest_command_acts() -> None:
+    told, acting, period = _acting("link_jitter", 0.03)
+    rng, runs = np.random.default_rng(0), np.empty((3000, len(told)))
+    rows = np.arange(len(told))
+    for i in range(len(runs)):
+        # Half a period after each update, the newest of those that have come by then.
+        arrived = np.ceil(np.maximum(rng.exponential(0.03 / period, len(told)) - 0.5, 0.0)).astype(int) + rows
+        newest = np.zeros(2 * len(told) + 400, int)
+        np.maximum.at(newest, np.minimum(arrived, len(newest) - 1), rows)
+        runs[i] = told[np.maximum.accumulate(newest)[: len(told)]]
+    error = np.abs(acting - runs.mean(axis=0))
+    assert error.max() < 5 * (runs.std(axis=0) / np.sqrt(len(runs))).max()
+    assert np.abs(told - acting).max() > 10 * error.max()
+
+
+@pytest.mark.parametrize("loss", [0.3, 0.8])
+def test_a_loss_is_forgotten_with_the_next_command_that_arrives(loss: float) -> None:
+    law = Lateness(loss, 0.0)
+    np.testing.assert_allclose(law.ages(), (1 - loss) * loss ** np.arange(len(law.ages())), atol=1e-5)
+    np.testing.assert_allclose(law.memory(6), loss ** np.arange(6), atol=0.06)
+
+
+def test_a_link_that_does_nothing_is_neutral() -> None:
+    ramp = np.arange(10.0)[:, None]
+    mean, deviation = Lateness(0.0, 0.0).moments(ramp, 2)
+    np.testing.assert_allclose(mean, ramp)
+    np.testing.assert_allclose(deviation, 0.0, atol=1e-9)
+
+
+def _lossy(table: dict[str, Array]) -> dict[str, Array]:
+    """Half of the commands are lost."""
+    kept = np.random.default_rng(5).random(len(table["u"])) > 0.5
+    kept[0] = True
+    return {"u": table["u"][np.maximum.accumulate(np.where(kept, np.arange(len(kept)), 0))]}
+
+
+def _pushed(table: dict[str, Array]) -> dict[str, Array]:
+    """Something that no library knows: commands are bent where they are large, and shake."""
+    t = 0.005 * np.arange(len(table["u"]))
+    return {"u": table["u"] + 0.05 * np.sin(2.0 * np.pi * 3.1 * t) * (table["u"] > 0)}
+
+
+@pytest.mark.parametrize(("signal", "random"), [(_lossy, True), (_pushed, False)])
+def test_chance_is_told_from_what_no_effect_explains(
+    signal: Callable[[dict[str, Array]], dict[str, Array]], random: bool
+) -> None:
+    plant, aligned, floor = aligned_of("pendulum", simulate("pendulum", 6.0, signal=signal))
+    replayer = Replayer(plant, aligned, cut(aligned), floor, 1)
+    nominal = Variant.nominal(plant)
+    effects = enumerate_effects(Context(plant, measure_scales(replayer, nominal)), only=("link_loss",))
+    selector = Selector(Fitter(Residuals.build(replayer, nominal), []), effects)
+    reference = selector.scores.scored(selector.fitter.cross_validate(selector.fitter.fit_nuisances()))
+    selection = Selection(reference, reference.gap, reference)
+    Chance(selector).reconsider(selection)
+    if not random:
+        assert selection.best is reference
+        return
+    best = selection.best
+    assert best.key == "link_loss@all"
+    assert abs(best.fit.x[0] - 0.5) < 3 * np.sqrt(best.fit.covariance[0, 0]) + 0.05
+    # What is left is as large as noise and chance make it.
+    assert selector.scores.typical(reference.fit.held) > 5 and selector.scores.typical(best.fit.held) < 1.3
+    assert selection.gains[0][1] > 0
 
 
 def test_growth_makes_the_model_change_over_the_recording() -> None:

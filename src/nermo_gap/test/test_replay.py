@@ -23,17 +23,7 @@ def _replayer(name: str, threads: int = 1, **kwargs: object) -> tuple[Plant, Ali
     return plant, aligned, Replayer(plant, aligned, cut(aligned), floor, threads)
 
 
-NOT_YET = {"quad": "its base is free"}
-"""The robot for which the replay is not as good as repeating the experiment, see docs/gap.md."""
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.xfail(reason=NOT_YET[name], strict=True)) if name in NOT_YET else name
-        for name in MODELS
-    ],
-)
+@pytest.mark.parametrize("name", MODELS)
 def test_gap_of_the_truth_is_one(name: str) -> None:
     _, _, replayer = _replayer(name)
     nominal = Variant.nominal(replayer.plant)

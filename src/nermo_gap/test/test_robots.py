@@ -23,7 +23,8 @@ from nermo_gap.core.align import align
 from nermo_gap.core.diagnose import Options, write_report
 from nermo_gap.core.effects.base import Context
 from nermo_gap.core.errors import GapInputError
-from nermo_gap.core.fit import Fitter, Hypothesis
+from nermo_gap.core.fit import Fitter
+from nermo_gap.core.hypothesis import Hypothesis
 from nermo_gap.core.library import enumerate_effects
 from nermo_gap.core.noise import noise_floor
 from nermo_gap.core.recording import recording_from_table

@@ -74,3 +74,25 @@ def test_a_search_that_was_stopped_ends_as_it_would_have(tmp_path: Path, monkeyp
     assert resumed.best == whole.best
     assert resumed.history == whole.history == sorted(whole.history, reverse=True)
     assert resumed.rollouts_now == again < whole.rollouts_now == whole.rollouts
+
+
+def test_a_gait_that_falls_under_other_disturbances_is_not_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The longest steps win the search and fall in every other trial."""
+    seen: set[int] = set()
+    searched: list[float] = []
+
+    def quick(rollout: Rollout) -> dict[str, float]:
+        length = dict(zip(BOUNDS, rollout.values, strict=True))["step_length_m"]
+        seen.add(rollout.trial)
+        if len(seen) == 1:
+            searched.append(length)
+        falls = len(seen) > 1 and length == max(searched)
+        return {**GOOD, "speed_m_s": length, "survived": 0.5 if falls else 1.0}
+
+    monkeypatch.setattr(limit_cycle, "run", quick)
+    with ThreadPoolExecutor(1) as pool:
+        found = Swarm(pool, ResultLog(tmp_path / "log", "x"), Trot(), 1).search(6, 3, unseen=2)
+    assert found.unseen["best"]["survived"] == 1.0
+    assert found.best_metrics["speed_m_s"] < max(searched)

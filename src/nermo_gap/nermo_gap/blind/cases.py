@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_gap.blind.faults import FAULTS, LEVELS, UNKNOWN, Fault, Scale, fault, soft_of
+from nermo_gap.blind.imitate import IMITATED, left_by_imitation, nominal_numbers
 from nermo_gap.blind.robots import MAPS, MODELS, commands, start
 from nermo_gap.blind.sites import Site, sites
 from nermo_gap.blind.truth import PERIOD, Run, Truth, build, record
@@ -28,7 +29,8 @@ HEAVY = {"quad": 0.25, "nermo_lite": 0.25}
 RUNAWAY = 2e4
 """A fault that moves the recording by this many noise deviations is no fault but a crash."""
 VISIBLE, _REDRAWS = 3.0, 6
-"""A fault that moves the recording by fewer noise deviations is put elsewhere, so many times at most."""
+"""A fault that moves the recording by fewer noise deviations, or that leaves fewer once nominal numbers imitate it
+(`imitate.py`), is put elsewhere, so many times at most, and then grows."""
 NOISE = {"rad": 4e-4, "m": 2e-4, "mm": 0.2, "rad/s": 8e-3, "1": 3e-4}
 """Standard deviation of the sensors' noise by unit."""
 
@@ -190,14 +192,27 @@ def _inject(rng: np.random.Generator, chosen: Fault, places: dict[str, list[Site
 
 def _jittered(rng: np.random.Generator, chosen: Fault, level: int) -> float:
     """A size about that of its level; for factors, the distance from 1 is what is varied. Signs vary where they may."""
-    size, stretch = chosen.sizes[level], float(np.exp(rng.uniform(-0.12, 0.12)))
-    if chosen.name in ("servo_gain", "sensor_scale", "servo_rate_limit", "servo_torque_limit", "sensor_saturation"):
-        size = 1.0 + (size - 1.0) * stretch
-    else:
-        size = min(size * stretch, 0.9) if chosen.name == "link_loss" else size * stretch
+    size = _stronger(chosen.name, chosen.sizes[level], float(np.exp(rng.uniform(-0.12, 0.12))))
     if chosen.name in ("servo_offset", "sensor_bias", "com_shift", "ground_slope", "joint_rest_angle"):
         size *= float(rng.choice([-1.0, 1.0]))
     return size
+
+
+_FACTORS = (
+    "servo_gain",
+    "sensor_scale",
+    "servo_rate_limit",
+    "servo_torque_limit",
+    "sensor_saturation",
+    "ground_friction",
+)
+
+
+def _stronger(name: str, size: float, by: float) -> float:
+    """The size of a fault ``by`` times as strong; of factors, the distance from 1 is what counts."""
+    if name in _FACTORS:
+        return max(1.0 + (size - 1.0) * by, 0.1)
+    return min(size * by, 0.9) if name == "link_loss" else size * by
 
 
 def _second(rng: np.random.Generator, first: Injected, places: dict[str, list[Site]]) -> Injected:
@@ -216,32 +231,42 @@ def _second(rng: np.random.Generator, first: Injected, places: dict[str, list[Si
 def realise(case: Case) -> Case:
     """Record a case whose faults can be seen: one that hardly moves the recording is put at another site.
 
-    A joint that hardly turns shows no inertia, and a load on a vertical axis no weight; nobody could find them. Where
-    no site shows a fault it stays where it was drawn last.
+    A joint that hardly turns shows no inertia, a load on a vertical axis no weight, and a little viscous friction is
+    the same as a servo that damps as much more as nominal numbers may be off; nobody could find them. Where no site
+    shows a fault it grows until it does.
 
     Raises ValueError as `simulate` does.
     """
     rng, places = np.random.default_rng([*case.seed, 2]), _all_sites(case.robot)
-    for _ in range(_REDRAWS):
-        simulate(case)
+    simulate(case)
+    for attempt in range(2 * _REDRAWS):
         hidden = next((i for i in range(len(case.faults)) if _shift(case, i) < VISIBLE), None)
         if hidden is None:
-            return case
+            break
         old = case.faults[hidden]
         others = {m for f in case.faults if f is not old for m in f.members}
         drawn = [_inject(rng, fault(old.name, old.kind), places, LEVELS.index(old.level)) for _ in range(8)]
-        apart = [f for f in drawn if not set(f.members) & others]
-        elsewhere = [f for f in apart if f.site != old.site]
-        case.faults[hidden] = (elsewhere or apart or drawn)[0]
-    return simulate(case)
+        elsewhere = [f for f in drawn if f.site != old.site and not set(f.members) & others]
+        if elsewhere and attempt < _REDRAWS:
+            case.faults[hidden] = elsewhere[0]
+        else:
+            old.size = _stronger(old.name, old.size, 1.4)
+        simulate(case)
+    return case
+
+
+_INIMITABLE = ("sensor_", "link_")
+"""Faults that act outside of the mechanics: no number of a healthy robot does what they do."""
 
 
 def _shift(case: Case, index: int) -> float:
-    """How far one of the faults alone moves the recording [noise deviations]."""
-    if len(case.faults) == 1:
-        return case.healthy_shift
-    alone = replace(case, faults=[replace(case.faults[index], parameters={})], columns={})
-    return simulate(alone).healthy_shift
+    """How far one of the faults alone moves the recording, beyond what a healthy robot can [noise deviations]."""
+    alone = case
+    if len(case.faults) > 1:
+        alone = simulate(replace(case, faults=[replace(case.faults[index], parameters={})], columns={}))
+    if alone.healthy_shift < VISIBLE or case.faults[index].name.startswith(_INIMITABLE):
+        return alone.healthy_shift
+    return _Truths(alone, robot_of(case.robot)).beyond_healthy(alone.columns)
 
 
 def simulate(case: Case, robot: Robot | None = None) -> Case:
@@ -257,7 +282,7 @@ def simulate(case: Case, robot: Robot | None = None) -> Case:
             if attempt == 3:
                 raise
             for injected in case.faults:
-                injected.size = 1.0 + (injected.size - 1.0) / 2 if injected.size > 0.99 else injected.size / 2
+                injected.size = _stronger(injected.name, injected.size, 0.5)
     raise AssertionError
 
 
@@ -304,12 +329,36 @@ class _Truths:
         self._healthy_truth = self.truth()
         self.healthy = self.run(self._healthy_truth, self.table)
 
-    def truth(self, soft: dict[str, Any] | None = None) -> Truth:
+    def truth(self, soft: dict[str, Any] | None = None, **spread: tuple[float, float]) -> Truth:
         """The robot without its faults, but with what lies between motors and links."""
         robot = self._robot
-        made = build(robot.spec(), robot.mapping, np.random.default_rng(self._parts[0]), soft, start=robot.start)
+        rng = np.random.default_rng(self._parts[0])
+        made = build(robot.spec(), robot.mapping, rng, soft, start=robot.start, **spread)
         made.quantum = self._quantum
         return made
+
+    def beyond_healthy(self, columns: dict[str, Array]) -> float:
+        """What of a recording no healthy robot could have made, whose numbers are all within tolerance [deviations].
+
+        Infinite for a robot that walks: nothing so smooth describes what its numbers do to its way.
+        """
+        if any(kind == mujoco.mjtJoint.mjJNT_FREE for kind in self._healthy_truth.model.jnt_type):
+            return float("inf")
+        n = round(min(self._case.seconds, IMITATED) / PERIOD)
+        table = {name: values[:n] for name, values in self.table.items()}
+        names = list(self.healthy.columns)
+
+        def seen(numbers: Array) -> Array:
+            made = self.truth(spread=(0.0, 0.0))
+            for number, z in zip(nominal_numbers(made), numbers, strict=True):
+                number(z)
+            mujoco.mj_setConst(made.model, mujoco.MjData(made.model))
+            run = record(made, told(made.model, self._robot.mapping, table), {}, np.random.default_rng(0))
+            return np.stack([run.columns[c] / self.noise[c] for c in names], 1)
+
+        scale = self._units()
+        recorded = np.stack([columns[c][:n] * scale[c] / self.noise[c] for c in names], 1)
+        return left_by_imitation(seen, recorded, len(nominal_numbers(self.truth(spread=(0.0, 0.0)))))
 
     def run(self, made: Truth, table: dict[str, Array], again: int = 0) -> Run:
         """Record a truth; ``again`` gives noise of its own."""
@@ -344,10 +393,12 @@ class _Truths:
 
     def columns(self, table: dict[str, Array], run: Run) -> dict[str, Array]:
         """What a logger writes, in the units of the map."""
-        mapping = self._robot.mapping
-        units = {row["column"]: 1e-3 if row.get("unit") == "mm" else 1.0 for row in mapping["outputs"]}
-        time = {mapping["time"]["column"]: run.time}
+        units, time = self._units(), {self._robot.mapping["time"]["column"]: run.time}
         return {**time, **table, **{c: v / units[c] for c, v in run.columns.items()}}
+
+    def _units(self) -> dict[str, float]:
+        """SI units in a unit of each output's column."""
+        return {r["column"]: 1e-3 if r.get("unit") == "mm" else 1.0 for r in self._robot.mapping["outputs"]}
 
 
 _SHARED = ("servo_delay", "servo_gain", "load_friction", "sensor_delay", "ground_friction", "link_latency", "mass")

@@ -416,7 +416,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("joint_range", "joint", (0.12, 0.25, 0.45), _stop),
     Fault("mass", "body", (0.25, 0.5, 1.0), _mass),
     Fault("com_shift", "body", (0.25, 0.5, 1.0), _com),
-    Fault("inertia", "body", (0.5, 1.0, 2.5), _inertia),
+    Fault("inertia", "turned", (0.5, 1.0, 2.5), _inertia),
     Fault("servo_delay", "actuator", (0.006, 0.015, 0.04), _delay),
     Fault("servo_dead_band", "servo", (0.04, 0.1, 0.25), _band),
     Fault("servo_backlash", "play", (0.05, 0.12, 0.3), _backlash),
@@ -440,7 +440,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("sensor_delay", "sensor", (0.006, 0.015, 0.04), _late),
     Fault("sensor_saturation", "sensor", (0.85, 0.7, 0.5), _saturated),
     Fault("sensor_misalignment", "axes", (0.06, 0.15, 0.35), _askew),
-    Fault("link_latency", "all", (0.008, 0.02, 0.05), _latency),
+    Fault("link_latency", "several", (0.008, 0.02, 0.05), _latency),
     Fault("link_jitter", "all", (0.008, 0.02, 0.05), _jitter),
     Fault("link_loss", "all", (0.3, 0.55, 0.8), _loss),
 )

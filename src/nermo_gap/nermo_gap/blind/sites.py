@@ -9,6 +9,13 @@ import mujoco
 import numpy as np
 
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+_AXES = {
+    int(mujoco.mjtJoint.mjJNT_SLIDE): 0,
+    int(mujoco.mjtJoint.mjJNT_HINGE): 1,
+    int(mujoco.mjtJoint.mjJNT_BALL): 3,
+    int(mujoco.mjtJoint.mjJNT_FREE): 3,
+}
+"""About which a joint turns its body."""
 _TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
 _SIDES = ("front", "rear", "left", "right")
 _PARTS = ("hip", "knee")
@@ -59,6 +66,7 @@ def sites(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[Site
         "driven": _grouped([of("joint", j) for j in driven]),
         "sprung": [of("joint", j) for j in scalar if model.jnt_stiffness[j] > 0],
         "body": [of("body", b) for b in bodies],
+        "turned": [of("body", b) for b in bodies if _turns_about_several(model, b)],
         "actuator": _grouped([of("actuator", a) for a in actuators]),
         "servo": _grouped([of("actuator", a) for a in servos]),
         "play": [of("actuator", a) for a in servos],
@@ -67,6 +75,8 @@ def sites(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[Site
         "foot": [of("geom", g) for g in feet] if floored else [],
         "ground": [Site("all", ("all",), ("all",))] if floored and free else [],
         "all": [Site("all", ("all",), ("all",))],
+        # Of one actuator, what comes late over the link and what its servo does late are the same.
+        "several": [Site("all", ("all",), ("all",))] if len(actuators) > 1 else [],
         "supply": [Site("all", ("all",), ("all",))] if len(servos) > 1 else [],
     }
     if len(found["foot"]) > 1:
@@ -96,6 +106,19 @@ def _sensors(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[S
             near = {name, *columns, *(f"{name}:{part}" for _, part in parts)}
             axes.append(Site(name, tuple(columns), tuple(sorted(near))))
     return {"sensor": single, "axes": axes}
+
+
+def _turns_about_several(model: mujoco.MjModel, body: int) -> bool:
+    """Whether more than one axis turns a body; of one axis, the inertia of the body and that of its motor are one."""
+    axes = 0
+    while body > 0:
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        kinds = [int(model.jnt_type[j]) for j in range(first, first + count)]
+        axes += sum(
+            0 if k == mujoco.mjtJoint.mjJNT_SLIDE else 1 if k == mujoco.mjtJoint.mjJNT_HINGE else 3 for k in kinds
+        )
+        body = int(model.body_parentid[body])
+    return axes > 1
 
 
 def _joint_of(model: mujoco.MjModel, row: dict[str, Any]) -> int:

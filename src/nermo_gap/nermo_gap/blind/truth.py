@@ -322,7 +322,7 @@ def _pull(truth: Truth, data: mujoco.MjData, a: int, cable: Cable, command: floa
         stiffness = 1.0 / cable.compliance
         taut = length > cable.drum + cable.slack
         k = stiffness if taut else 0.0
-        friction = max(kv, 0.02 * kp)
+        friction = kv or 0.02 * kp
         cable.drum = (friction / dt * cable.drum + kp * command + k * (length - cable.slack)) / (friction / dt + kp + k)
         pull = k * (length - cable.slack - cable.drum)
     else:

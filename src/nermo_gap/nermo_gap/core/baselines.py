@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.fit import Fitter, Hypothesis
-from nermo_gap.core.select import Scored, Selector
+from nermo_gap.core.fit import Fitter
+from nermo_gap.core.hypothesis import Hypothesis
+from nermo_gap.core.scores import Scored
+from nermo_gap.core.select import Selector
+from nermo_gap.core.windows import LIGHT
 
 Array = NDArray[np.float64]
 
@@ -19,11 +22,17 @@ _FREE = 5.0
 """Standard deviations within which everything may move when it is fitted without priors."""
 
 
-def fit_everything(fitter: Fitter, iterations: int = 6, seed: int = 0) -> dict[str, object]:
+_ROUNDS, _ROUNDS_HEAVY = 6, 3
+"""Iterations of that fit; fewer where a round takes long."""
+
+
+def fit_everything(fitter: Fitter, iterations: int | None = None, seed: int = 0) -> dict[str, object]:
     """Plain mujoco.sysid least squares of all nominal parameters at once, fitted outside fold 0 and scored in it.
 
     No effects, no priors, white residuals: what a user gets who frees every number of the model.
     """
+    light = fitter.residuals.replayer.plant.model.nv <= LIGHT
+    iterations = iterations or (_ROUNDS if light else _ROUNDS_HEAVY)
     fold = fitter.windows.fold
     train, test = np.flatnonzero(fold != 0), np.flatnonzero(fold == 0)
     step = max(len(train) // 40, 1)

@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 
 from nermo_gap.core.align import Aligned, align
 from nermo_gap.core.baselines import best_in_sample, fit_everything
+from nermo_gap.core.chance import Chance
 from nermo_gap.core.effects.base import Context, Effect
 from nermo_gap.core.experiment import GenericMenu, Menu
-from nermo_gap.core.fit import Fit, Fitter, Hypothesis
+from nermo_gap.core.fit import Fitter
 from nermo_gap.core.horizon import usable_horizon
+from nermo_gap.core.hypothesis import Fit, Hypothesis
 from nermo_gap.core.isolability import confusion, isolability
 from nermo_gap.core.library import enumerate_effects
 from nermo_gap.core.next_experiment import Proposal, propose
@@ -38,13 +40,13 @@ from nermo_gap.core.structure import predictable_share
 from nermo_gap.core.variant import Variant
 from nermo_gap.core.verdict import Verdict, judge
 from nermo_gap.core.where import Phases, bands, locate
-from nermo_gap.core.windows import HORIZON, LIGHT, affordable, cut
+from nermo_gap.core.windows import HORIZON, HORIZON_HEAVY, LIGHT, affordable, cut
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 SCHEMA = "nermo_gap/diagnosis/1"
-HEAVY = Effort(hopeful=20, survivors=6, finalists=3, rounds=1, partners=4, max_effects=2)
+HEAVY = Effort(hopeful=20, survivors=5, finalists=3, leaders=1, rounds=1, partners=4, max_effects=2)
 """Of models with more than LIGHT degrees of freedom, which take a hundred times longer to replay than a pendulum."""
 LAW = 0.03
 """Standard error of any parameter as a share of its size (for a factor: of its distance from 1), beside what the data
@@ -71,8 +73,9 @@ class Options:
     """By default as much as the model is worth."""
     max_windows: int | None = None
     """By default as many as the model is worth."""
-    horizon: float = HORIZON
-    """[s] of a window; shorter where the robot blows up an error of its start (`horizon.py`)."""
+    horizon: float | None = None
+    """[s] of a window, by default as long as the model is worth; shorter where the robot blows up an error of its start
+    (`horizon.py`)."""
     resolution: dict[str, float] = field(default_factory=dict)
     """Least noise floor by output [unit of the channel]: what its sensor can resolve, however quiet it looks."""
     trusted: tuple[str, ...] = ()
@@ -129,6 +132,9 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     effort = options.effort or (HEAVY if plant.model.nv > LIGHT else Effort())
     selector = Selector(fitter, effects, options.seed, options.progress, effort)
     selection = selector.run()
+    if plant.model.nv <= LIGHT:
+        # Untried on larger models, and it would double their time.
+        Chance(selector).reconsider(selection)
     structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
     verdict = judge(selector, selection, structure)
     proposal = propose(
@@ -145,12 +151,13 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
 def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, options: Options) -> Replayer:
     """A replayer of windows as long as this robot lets them be."""
     most = options.max_windows or affordable(plant.model)
-    made = Replayer(plant, aligned, cut(aligned, options.horizon, most=most), floor, options.threads)
+    longest = options.horizon or (HORIZON if plant.model.nv <= LIGHT else HORIZON_HEAVY)
+    made = Replayer(plant, aligned, cut(aligned, longest, most=most), floor, options.threads)
     horizon = usable_horizon(made, nominal)
-    if horizon > 0.9 * options.horizon:
+    if horizon > 0.9 * longest:
         return made
     # As many seconds of motion in shorter windows.
-    windows = cut(aligned, horizon, most=round(most * options.horizon / horizon))
+    windows = cut(aligned, horizon, most=round(most * longest / horizon))
     return Replayer(plant, aligned, windows, floor, options.threads)
 
 
@@ -214,11 +221,11 @@ def _interval(values: Array) -> list[float]:
 
 
 def _gap(selector: Selector, selection: Selection, nominal: Array) -> dict[str, Any]:
-    before = selector.gaps(nominal)
-    after = selector.gaps(selection.best.fit.held)
-    reference = selector.gaps(selection.reference.fit.held)
+    before = selector.scores.gaps(nominal)
+    after = selector.scores.gaps(selection.best.fit.held)
+    reference = selector.scores.gaps(selection.reference.fit.held)
     by_channel = {}
-    held = selector.draws[0] > 0
+    held = selector.scores.draws[0] > 0
     for c, name in enumerate(selector.fitter.residuals.channels):
         by_channel[name] = {
             "before": float(np.sqrt(nominal[held, c].mean())),
@@ -231,9 +238,9 @@ def _gap(selector: Selector, selection: Selection, nominal: Array) -> dict[str, 
         "ci90": _interval(1.0 - after[1:] / before[1:]),
         "nuisances_only": float(reference[0]),
         "typical": {
-            "before": selector.typical(nominal),
-            "nuisances_only": selector.typical(selection.reference.fit.held),
-            "after": selector.typical(selection.best.fit.held),
+            "before": selector.scores.typical(nominal),
+            "nuisances_only": selector.scores.typical(selection.reference.fit.held),
+            "after": selector.scores.typical(selection.best.fit.held),
         },
         "by_channel": by_channel,
     }
@@ -289,7 +296,7 @@ def parameter_deviation(fit: Fit, timestep: float = 0.0) -> Array:
 
 def _baselines(fitter: Fitter, selector: Selector, selection: Selection, options: Options) -> dict[str, Any]:
     found: dict[str, Any] = {
-        "nominal": {"gap": selection.nominal_gap, "ci90": _interval(selector.gaps(selector.nominal_square)[1:])},
+        "nominal": {"gap": selection.nominal_gap, "ci90": _interval(selector.scores.gaps(selector.nominal_square)[1:])},
         "best_in_sample": best_in_sample(selector, selection.singles, selection.reference),
         "fit_everything": None,
     }

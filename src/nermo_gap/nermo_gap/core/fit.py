@@ -10,13 +10,13 @@ would have fallen either way had it been started a little differently.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from nermo_gap.core.effects.base import Effect
+from nermo_gap.core.effects.contact import colliding, soften_onset
+from nermo_gap.core.hypothesis import Fit, Hypothesis
 from nermo_gap.core.nuisance import BOX, Nuisance, apply_nuisances
 from nermo_gap.core.residual import Residuals
 from nermo_gap.core.variant import Variant
@@ -30,85 +30,18 @@ _NUISANCE_STEP = 0.02
 """The same of a nuisance, in standard deviations of its prior. Small: an effect and its imitation differ by
 what a longer step bends."""
 _FOLD_TRIALS = (1.0, 0.3)
-_SEVERAL = 2
-"""One nominal number may be as far off as its prior lets it; of several, another effect may hide in them."""
 _STRAINED = 1.0
 """[nats] Nuisances that cost more than this may have swallowed a part of an effect."""
 _VALLEY = 0.05
 """[nats] Polishing ends when a round gains less."""
-_MANY, _MOVED = 24, 0.3
-"""Of more than so many nuisances, polishing looks anew at those that are this many standard deviations off."""
+MANY, _MOVED = 24, 0.5
+"""Of more than so many nuisances, a second look is had at those that are this many standard deviations off."""
+_WORTH = 1.0
+"""[nats] Of more than MANY nuisances, one that moves the nominal model's data by less than this when it is off by a
+whole standard deviation is left out: neither can it explain a gap, nor can this recording say what it is."""
 _TRIALS = (1.0, 0.4, 0.12)
 _STRETCHES = 6
 """A parameter that grows takes so many values over a recording."""
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """A set of effects that act together; none of them is the nominal model with its nuisances."""
-
-    effects: tuple[Effect, ...] = ()
-
-    @property
-    def key(self) -> str:
-        """Names of the effects."""
-        return " + ".join(sorted(repr(e) for e in self.effects)) or "nuisances only"
-
-    @property
-    def size(self) -> int:
-        """Number of parameters of the effects."""
-        return sum(len(e.parameters) for e in self.effects)
-
-    @property
-    def grows(self) -> bool:
-        """Whether the model changes over the recording."""
-        return any(e.grows for e in self.effects)
-
-    def vector(self, attribute: str) -> Array:
-        """An attribute of all parameters in order."""
-        return np.array([getattr(p, attribute) for e in self.effects for p in e.parameters], float)
-
-    def with_effect(self, effect: Effect) -> Hypothesis:
-        """With one effect more."""
-        return Hypothesis((*self.effects, effect))
-
-
-@dataclass
-class Fit:
-    """A fitted hypothesis.
-
-    Attributes:
-        x: values of the effects' parameters.
-        z: nuisances [standard deviations of their priors].
-        cost: data term plus prior term over the fitted windows.
-        residual: (nw, ns, nl) at (x, z).
-        effect_jacobian: (ne, nw, ns, nl) by scaled parameter.
-        held: (nw, nl) mean squares of each window under the fit that has not seen its fold; NaN where never held out.
-        fold_x, fold_z: (nf, ne) and (nf, nz) values of each fold's fit.
-        covariance: of x.
-    """
-
-    hypothesis: Hypothesis
-    x: Array
-    z: Array
-    cost: float
-    residual: Array
-    effect_jacobian: Array
-    held: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    fold_x: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    fold_z: Array = field(default_factory=lambda: np.zeros((0, 0)))
-
-    @property
-    def prior(self) -> float:
-        """Cost of the nuisances."""
-        return 0.5 * float(self.z @ self.z)
-
-    @property
-    def strained(self) -> list[int]:
-        """Nuisances at the end of their box; empty for fewer than two."""
-        found = np.flatnonzero(np.abs(self.z) > 0.999 * BOX).tolist()
-        return found if len(found) >= _SEVERAL else []
 
 
 class Fitter:
@@ -123,6 +56,7 @@ class Fitter:
         self.independent = np.full(residuals.mask.shape[2], 4.0)
         self.jacobian = np.zeros((len(self.nuisances), *residuals.mask.shape), np.float32)
         self.nominal: Fit | None = None
+        self._lands = bool(colliding(self.base.model)[0])
         middles = (self.windows.start + 0.5 * self.windows.length) * residuals.replayer.aligned.period
         count = min(_STRETCHES, len(middles))
         self._stretch: Ints = (count * np.arange(len(middles), dtype=np.int64)) // len(middles)
@@ -144,15 +78,36 @@ class Fitter:
         return made
 
     def replay(
-        self, hypothesis: Hypothesis, points: Sequence[tuple[Array, Array]], select: Ints | None = None
+        self,
+        hypothesis: Hypothesis,
+        points: Sequence[tuple[Array, Array]],
+        select: Ints | None = None,
+        soft: bool = False,
     ) -> Array:
-        """Residuals (n, nw, ns, nl) at points (x, z)."""
+        """Residuals (n, nw, ns, nl) at points (x, z); ``soft``: where contacts set in softly."""
+        moments = [float(m) for m in self._moments] if hypothesis.grows else [0.0]
+        variants = [self.variant(hypothesis, x, z, moment) for x, z in points for moment in moments]
+        for variant in variants if soft else ():
+            soften_onset(variant.model)
         if not hypothesis.grows:
-            return self.residuals.of([self.variant(hypothesis, x, z) for x, z in points], select)
-        variants = [self.variant(hypothesis, x, z, float(m)) for x, z in points for m in self._moments]
+            return self.residuals.of(variants, select)
         stretch = self._stretch if select is None else self._stretch[select]
         which = len(self._moments) * np.arange(len(points))[:, None] + stretch
         return self.residuals.of(variants, select, which)
+
+    def _changes(
+        self,
+        hypothesis: Hypothesis,
+        about: tuple[Array, Array],
+        points: Sequence[tuple[Array, Array]],
+        residual: Array,
+        select: Ints | None = None,
+    ) -> Array:
+        """What the residual, known at ``about``, changes on the way to points nearby, (n, nw, ns, nl)."""
+        if not self._lands:
+            return self.replay(hypothesis, points, select) - residual
+        base, *moved = self.replay(hypothesis, [about, *points], select, soft=True)
+        return np.array(moved) - base
 
     # -- cost ----------------------------------------------------------------------------------------------------
 
@@ -224,6 +179,17 @@ class Fitter:
         step = lsq_linear(factor, -np.linalg.solve(factor.T, slope), (lower, upper), method="bvls").x
         return step[:ne], step[ne:], normal
 
+    def update_start(self, *models: Variant) -> None:
+        """Judge the start of windows by other models.
+
+        Sensitivities that will not all be looked at again are whitened anew with the residuals.
+        """
+        many = len(self.nuisances) > MANY
+        plain = self.residuals.colour(self.jacobian.astype(float)) if many else None
+        self.residuals.update_start(*models)
+        if plain is not None:
+            self.jacobian = self.residuals.whiten(plain).astype(np.float32)
+
     def refresh(
         self, hypothesis: Hypothesis, x: Array, z: Array, residual: Array, which: NDArray[np.bool_] | None = None
     ) -> None:
@@ -236,8 +202,23 @@ class Fitter:
                 moved = z.copy()
                 moved[i] += signs[i] * _NUISANCE_STEP
                 points.append((x, moved))
-            shifted = self.replay(hypothesis, points)
-            self.jacobian[part] = (shifted - residual) / (signs[part, None, None, None] * _NUISANCE_STEP)
+            changes = self._changes(hypothesis, (x, z), points, residual)
+            self.jacobian[part] = changes / (signs[part, None, None, None] * _NUISANCE_STEP)
+
+    def moved(self, fit: Fit) -> NDArray[np.bool_] | None:
+        """Nuisances whose sensitivities a fit may have changed: of many those that it moved, else all (None)."""
+        return np.abs(fit.z) > _MOVED if len(fit.z) > MANY else None
+
+    def _leave_out(self) -> None:
+        """Leave out nuisances of no weight, judged by their sensitivities about the nominal model."""
+        assert self.nominal is not None
+        if len(self.nuisances) <= MANY:
+            return
+        weight = self.weights(self.mean_square(self.nominal.residual))[:, None, :]
+        worth = 0.5 * np.array([float((row * row * weight).sum()) for row in self.jacobian])
+        kept = np.flatnonzero(worth > _WORTH)
+        self.nuisances = [self.nuisances[i] for i in kept]
+        self.jacobian, self.nominal.z = self.jacobian[kept], self.nominal.z[kept]
 
     # -- fits ----------------------------------------------------------------------------------------------------
 
@@ -249,12 +230,13 @@ class Fitter:
         self.estimate_independent(residual)
         fit = Fit(empty, none, z, self._cost(residual, z), residual, np.zeros((0, *residual.shape)))
         self.nominal = fit
-        for round_ in range(rounds):
-            self.refresh(empty, none, fit.z, fit.residual)
+        for round_ in range(rounds if len(z) <= MANY else 1):
+            self.refresh(empty, none, fit.z, fit.residual, self.moved(fit) if round_ else None)
             if round_ == 0:
+                self._leave_out()
                 self.nominal_jacobian = self.jacobian.copy()
             fit = self.fit(empty, none, fit.z, iterations=4, known=fit.residual)
-        self.refresh(empty, none, fit.z, fit.residual)
+        self.refresh(empty, none, fit.z, fit.residual, self.moved(fit))
         self.estimate_independent(fit.residual)
         return self.fit(empty, none, fit.z, iterations=2, known=fit.residual)
 
@@ -266,8 +248,7 @@ class Fitter:
         kept = self.jacobian.copy()
         strained = fit.prior > _STRAINED
         for _ in range(rounds):
-            moved = np.abs(fit.z) > _MOVED if len(fit.z) > _MANY else None
-            self.refresh(fit.hypothesis, fit.x, fit.z, fit.residual, moved)
+            self.refresh(fit.hypothesis, fit.x, fit.z, fit.residual, self.moved(fit))
             better = self.fit(fit.hypothesis, fit.x, fit.z, 4, fit.residual)
             if strained:
                 # From the other end of the valley: nuisances at rest, the effect as large as it is.
@@ -394,7 +375,7 @@ class Fitter:
             moved = x.copy()
             moved[i] += s * scale[i]
             points.append((moved, z))
-        return (self.replay(hypothesis, points, select) - residual) / steps[:, None, None, None]
+        return self._changes(hypothesis, (x, z), points, residual, select) / steps[:, None, None, None]
 
     def _cost(self, residual: Array, z: Array, select: Ints | None = None) -> float:
         return float(self.data_cost(self.mean_square(residual, select), select)) + 0.5 * float(z @ z)

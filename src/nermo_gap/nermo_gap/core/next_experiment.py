@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from nermo_gap.core.align import Aligned, Run
 from nermo_gap.core.errors import GapInputError
 from nermo_gap.core.experiment import Experiment, GenericMenu, Menu
-from nermo_gap.core.fit import Fit, Fitter
+from nermo_gap.core.fit import Fitter
+from nermo_gap.core.hypothesis import Fit
 from nermo_gap.core.plant import Plant, model_names
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.residual import Residuals
@@ -25,7 +26,7 @@ Progress = Callable[[float], None]
 
 RIVALS = 3
 """Hypotheses that are compared, the winner among them."""
-TRIED, TRIED_HEAVY = 5, 3
+TRIED, TRIED_HEAVY = 5, 2
 """Experiments that are worked out in full: those on which the rivals as fitted differ most; fewer of a heavy model."""
 WORTH = 1.0
 """[nats] An experiment that promises less settles nothing."""
@@ -161,7 +162,9 @@ def _expected_gain(
     truth = fitter.variant(first.hypothesis, first.x, first.z)
     local = Fitter(Residuals.build(there, truth, trusted=fitter.residuals.trusted), fitter.nuisances)
     local.independent = fitter.independent.copy()
-    local.refresh(first.hypothesis, first.x, first.z, local.replay(first.hypothesis, [(first.x, first.z)])[0])
+    residual = local.replay(first.hypothesis, [(first.x, first.z)])[0]
+    # Of many nuisances those that the winner did not need stay where they are.
+    local.refresh(first.hypothesis, first.x, first.z, residual, fitter.moved(first))
     costs = [local.fit(f.hypothesis, f.x, f.z, iterations=3).cost for f in fits]
     return min(costs[1:]) - costs[0]
 

@@ -11,19 +11,18 @@ from numpy.typing import NDArray
 
 from nermo_gap.core.effects.body import gyration, moving_bodies, shift_com
 from nermo_gap.core.effects.contact import colliding, lean
+from nermo_gap.core.integration import semi_implicit, step_inertia
 from nermo_gap.core.plant import Plant, is_servo
-from nermo_gap.core.state import semi_implicit
 from nermo_gap.core.variant import Variant
 
 Array = NDArray[np.float64]
 
-MASS, COM, INERTIA = 0.07, 0.06, 0.10
-PASSIVE = 0.12
+MASS, COM, INERTIA = 0.08, 0.06, 0.08
+PASSIVE = 0.08
 """Damping, friction loss, stiffness, armature: factors of the nominal value."""
-ARMATURE = 0.3
-"""At most, where the time step's share is added: a semi-implicit step acts as if the inertia were larger by the step
-times the damping, which a real robot is not."""
-GAIN = 0.07
+STEP = 1.0
+"""Share of the inertia that a time step adds that a robot may lack: a real one has no step."""
+GAIN = 0.08
 CONTACT = 0.15
 TILT = 0.008
 """[rad]"""
@@ -46,8 +45,8 @@ ZERO = 0.004
 """[rad or m] of a position sensor's zero, as a share of its range of motion where that is smaller."""
 INPUT_OFFSET = 0.03
 """Zero of a measured input, as a share of its root mean square."""
-BOX = 2.0
-"""Nuisances stay within this many standard deviations: what lies beyond is an effect."""
+BOX = 1.5
+"""Nuisances stay within this many standard deviations (12 % of most numbers): what lies beyond is an effect."""
 _MANY = 12
 """Models with more bodies share their mass nuisances by group."""
 
@@ -90,10 +89,10 @@ def enumerate_nuisances(plant: Plant, output_swing: Array, input_size: Array, pe
         found += [
             Nuisance(f"{label} {i}", _field(field, [int(i)], sd)) for i in np.flatnonzero(getattr(model, field) > 0)
         ]
-    extra = float(model.opt.timestep) * _damping(model) if semi_implicit(model) else np.zeros(model.nv)
     for dof in np.flatnonzero(model.dof_armature > 0):
-        sd = float(np.hypot(PASSIVE, extra[dof] / model.dof_armature[dof]))
-        found.append(Nuisance(f"armature {dof}", _field("dof_armature", [int(dof)], min(sd, ARMATURE))))
+        found.append(Nuisance(f"armature {dof}", _field("dof_armature", [int(dof)], PASSIVE)))
+    if semi_implicit(model):
+        found.append(Nuisance("time step", _continuous(step_inertia(model))))
     for a in range(model.nu):
         if any(c.actuator == a for c in plant.inputs):
             name = model.actuator(a).name or str(a)
@@ -126,16 +125,6 @@ def apply_nuisances(nuisances: Sequence[Nuisance], variant: Variant, z: Array) -
     for nuisance, value in zip(nuisances, z, strict=True):
         if value != 0.0:
             nuisance.apply(variant, float(value))
-
-
-def _damping(model: mujoco.MjModel) -> Array:
-    """Damping of each degree of freedom (nv,) together with that of the servos at its joint."""
-    damping = np.array(model.dof_damping)
-    for a in range(model.nu):
-        if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT:
-            dof = int(model.jnt_dofadr[model.actuator_trnid[a, 0]])
-            damping[dof] += max(-float(model.actuator_biasprm[a, 2]), 0.0) * float(model.actuator_gear[a, 0]) ** 2
-    return damping
 
 
 def _field(field: str, rows: Sequence[int], sd: float) -> Callable[[Variant, float], None]:
@@ -189,6 +178,13 @@ def _input_scale(channel: int) -> Callable[[Variant, float], None]:
 def _input_zero(channel: int, sd: float) -> Callable[[Variant, float], None]:
     def apply(variant: Variant, z: float) -> None:
         variant.inputs.offset[channel] += sd * z
+
+    return apply
+
+
+def _continuous(inertia: Array) -> Callable[[Variant, float], None]:
+    def apply(variant: Variant, z: float) -> None:
+        variant.model.dof_armature[:] -= STEP * z * inertia
 
     return apply
 

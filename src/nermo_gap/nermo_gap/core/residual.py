@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from nermo_gap.core.effects.contact import colliding
 from nermo_gap.core.noise import input_noise
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.variant import Variant
@@ -29,6 +30,10 @@ _WANDER = 0.1
 _INPUT_ERRORS = (0.005, 0.01, 0.02, 0.05)
 """Sizes of that error, in root mean squares of the input, of which the likeliest is taken. Torques that are computed
 from a motor's current ripple by several per cent; what is larger than that is for an effect to explain."""
+
+
+_NUDGES, _NUDGE = 8, 0.3
+"""Replays that show how far a landing leaves the replay open, and by how many standard errors their starts differ."""
 
 
 @dataclass
@@ -55,6 +60,8 @@ class Residuals:
     trusted: tuple[str, ...] = ()
     input_error: float = 0.0
     """Size of the wander of measured inputs, in their root mean square."""
+    _open: Array | None = None
+    """Factor (nw, ns, nl) by which landings raise the noise floor."""
 
     @classmethod
     def build(
@@ -74,6 +81,8 @@ class Residuals:
         doubted = [i for i in range(state.size) if i >= len(joints) or joints[i] not in trusted]
         made._doubted, made.trusted = np.array(doubted, np.int64), tuple(trusted)
         if start and doubted:
+            if colliding(model)[0]:
+                made._open = np.sqrt(1.0 + made._scatter(reference))
             made.update_start(reference)
         return made
 
@@ -95,6 +104,8 @@ class Residuals:
             other = measured[..., group] + simulated[..., group]
             difference[..., group] = np.where(flip[..., None], other, difference[..., group])
         whitened = difference / self.replayer.floor[self.live]
+        if self._open is not None:
+            whitened = whitened / (self._open if select is None else self._open[select])
         whitened = np.where(np.isfinite(whitened), whitened, BROKEN)
         result: Array = np.where(mask, np.clip(whitened, -BROKEN, BROKEN), 0.0)
         return result
@@ -102,11 +113,11 @@ class Residuals:
     def whiten(self, raw: Array, select: Ints | None = None) -> Array:
         """Apply (I + S S')^(-1/2) window by window; same shape."""
         basis, shrink = (self._basis, self._shrink) if select is None else (self._basis[select], self._shrink[select])
-        if basis.shape[-1] == 0:
-            return raw
-        flat = np.moveaxis(raw.reshape(-1, *raw.shape[-3:-2], basis.shape[1]), 1, 0)
-        flat = flat - ((flat @ basis) * shrink[:, None, :]) @ np.swapaxes(basis, 1, 2)
-        return np.moveaxis(flat, 0, 1).reshape(raw.shape)
+        return _scaled(raw, basis, -shrink)
+
+    def colour(self, whitened: Array) -> Array:
+        """Take `whiten` back, in all windows."""
+        return _scaled(whitened, self._basis, self._shrink / (1.0 - self._shrink))
 
     def of(self, variants: list[Variant], select: Ints | None = None, which: Ints | None = None) -> Array:
         """Residuals (nv, nw, ns, nl) of variants; ``which`` as in Replayer.run."""
@@ -152,6 +163,19 @@ class Residuals:
         white, slow = self._input_responses(reference, raw[0])
         return start, white, slow, raw[0]
 
+    def _scatter(self, reference: Variant) -> Array:
+        """Variance (nw, ns, nl) of replays whose starts differ by less than anybody can measure."""
+        state, nw = self.replayer.state, len(self.replayer.windows)
+        rng = np.random.default_rng(0)
+        nudges = _NUDGE * rng.standard_normal((2, _NUDGES, nw, state.size))
+        nudges[:, 0] = 0.0
+        shift, rate_shift = ((n * sd).reshape(-1, state.size) for n, sd in zip(nudges, state.start_sd, strict=True))
+        window, which = np.tile(np.arange(nw), _NUDGES), np.zeros(_NUDGES * nw, np.int64)
+        outputs = self.replayer.run_pairs([reference], which, window, shift, rate_shift)
+        raw = self.raw(outputs.reshape(_NUDGES, nw, *outputs.shape[1:]))
+        scatter: Array = ((raw[1:] - raw[0]) ** 2).mean(axis=0)
+        return scatter
+
     def _input_responses(self, reference: Variant, base: Array) -> tuple[Array, Array]:
         """Responses (nw, m, k) to errors of measured inputs: white noise, and a wander of their root mean square."""
         aligned, windows, plant = self.replayer.aligned, self.replayer.windows, self.replayer.plant
@@ -191,6 +215,15 @@ class Residuals:
             if output.sensor_type == mujoco.mjtSensor.mjSENS_FRAMEQUAT and output.euler < 0:
                 groups.setdefault(output.sensor, []).append(i)
         return [g for g in groups.values() if len(g) == 4]
+
+
+def _scaled(values: Array, basis: Array, more: Array) -> Array:
+    """Values (..., nw, ns, nl) whose parts along ``basis`` (nw, m, k) are larger by the share ``more`` (nw, k)."""
+    if basis.shape[-1] == 0:
+        return values
+    flat = np.moveaxis(values.reshape(-1, *values.shape[-3:-2], basis.shape[1]), 1, 0)
+    flat = flat + ((flat @ basis) * more[:, None, :]) @ np.swapaxes(basis, 1, 2)
+    return np.moveaxis(flat, 0, 1).reshape(values.shape)
 
 
 def channel_gap(residual: Array, mask: NDArray[np.bool_]) -> Array:

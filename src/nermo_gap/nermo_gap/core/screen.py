@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 
 from nermo_gap.core.effects.base import Effect
-from nermo_gap.core.fit import Fit, Fitter
+from nermo_gap.core.fit import MANY, Fitter
+from nermo_gap.core.hypothesis import Fit
 from nermo_gap.core.nuisance import BOX
 from nermo_gap.core.windows import HORIZON
 
@@ -22,6 +24,8 @@ _JOBS, _FEWEST = 500, 6
 """With more start values than this (a robot with many joints), each gets fewer windows, down to six."""
 _GLANCE = 5
 """Windows of the glance that leaves out what promises least."""
+_CROWD, _GLANCE_CROWD = 150, 3
+"""With more candidates than this, it sees fewer, and one start in each direction, whose opposite is taken from that."""
 _BATCH = 24
 
 
@@ -69,9 +73,10 @@ def screen(
     """
     chosen, done = list(effects), 0.0
     if hopeful is not None and len(chosen) > 1.3 * hopeful:
-        starts = {id(e): _moderate(e.starts()) for e in chosen}
-        few = informative_windows(fitter, fit, _GLANCE)
-        ranked = _ranked(fitter, fit, chosen, starts, few, progress, (0.0, 0.6))
+        crowd = len(chosen) > _CROWD
+        starts = {id(e): (_directions(e) if crowd else _moderate(e.starts())) for e in chosen}
+        few = informative_windows(fitter, fit, _GLANCE_CROWD if crowd else _GLANCE)
+        ranked = _ranked(fitter, fit, chosen, starts, few, progress, (0.0, 0.6), crowd)
         chosen, done = [s.effect for s in ranked[:hopeful]], 0.6
     starts = {id(e): e.starts() for e in chosen}
     jobs = sum(len(tries) for tries in starts.values())
@@ -84,6 +89,23 @@ def _moderate(starts: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
     return starts[:2] if len(starts) == 3 else starts[1:-1] if len(starts) == 4 else starts
 
 
+def _directions(effect: Effect) -> list[tuple[float, ...]]:
+    """The stronger of the moderate starts in each direction from neutral; an opposite is the same direction."""
+    neutral, scale = (np.array([getattr(p, a) for p in effect.parameters]) for a in ("neutral", "scale"))
+    kept: list[tuple[tuple[float, ...], Array]] = []
+    for start in reversed(_moderate(effect.starts())):
+        away = (np.array(start) - neutral) / scale
+        away = away / max(float(np.linalg.norm(away)), 1e-300)
+        if all(abs(float(away @ other)) < 0.9 for _, other in kept):
+            kept.append((start, away))
+    return [start for start, _ in kept]
+
+
+def _reversible(effect: Effect, start: Array) -> bool:
+    """Whether the opposite of a start lies within the bounds too."""
+    return all(p.low <= 2.0 * p.neutral - x <= p.high for p, x in zip(effect.parameters, start, strict=True))
+
+
 def _ranked(
     fitter: Fitter,
     fit: Fit,
@@ -92,19 +114,24 @@ def _ranked(
     select: Ints,
     progress: Callable[[float], None] | None,
     span: tuple[float, float],
+    both: bool = False,
 ) -> list[Screened]:
-    """Candidates by what their best start promises on the selected windows, best first."""
+    """Candidates by what their best start promises on the selected windows, best first; ``both``: or its opposite."""
     base = fit.residual[select]
     project = _projector(fitter, base, select)
     jobs = [(effect, np.array(start)) for effect in effects for start in starts[id(effect)]]
     best: dict[int, Screened] = {}
+    quick = _Quick(fitter, fit, base, select) if len(fitter.nuisances) > MANY else None
     for first in range(0, len(jobs), _BATCH):
         part = jobs[first : first + _BATCH]
         variants = [fitter.variant(fit.hypothesis.with_effect(e), np.concatenate([fit.x, x]), fit.z) for e, x in part]
         for (effect, x), residual in zip(part, fitter.residuals.of(variants, select), strict=True):
-            share, z, cost = _promise(fitter, fit, base, residual, select)
+            if quick is None:
+                share, z, cost = _promise(fitter, fit, base, residual, select)
+            else:
+                share, z, cost = quick.promise(residual - base, -1.0 if both and _reversible(effect, x) else 0.0)
             neutral = np.array([p.neutral for p in effect.parameters])
-            start = neutral + np.clip(share, 0.15, 1.5) * (x - neutral)
+            start = neutral + np.copysign(np.clip(abs(share), 0.15, 1.5), share) * (x - neutral)
             if id(effect) not in best or cost < best[id(effect)].cost:
                 best[id(effect)] = Screened(effect, start, z, cost, project(residual - base))
         if progress:
@@ -124,6 +151,42 @@ def _promise(fitter: Fitter, fit: Fit, base: Array, residual: Array, select: Int
         cost = float(fitter.data_cost(fitter.mean_square(predicted, select), select)) + 0.5 * float(z @ z)
         candidates.append((float(dx[0]) + (0.0 if about is base else 1.0), np.clip(z, -BOX, BOX), cost))
     return min(candidates, key=lambda c: c[2])
+
+
+class _Quick:
+    """`_promise` where there are many nuisances: all starts are weighted as the residual without the effect is.
+
+    What nuisances answer to it and to each change then comes from one factorisation.
+    """
+
+    def __init__(self, fitter: Fitter, fit: Fit, base: Array, select: Ints) -> None:
+        self._fitter, self._select, self._base, self._z = fitter, select, base, fit.z
+        root = np.sqrt(fitter.weights(fitter.mean_square(base, select), select))[:, None, :]
+        self._root = np.broadcast_to(root, base.shape).reshape(-1)
+        self._nuisances = fitter.jacobian[:, select].reshape(len(fit.z), -1)
+        self._rows = self._nuisances * self._root.astype(np.float32)
+        normal = (self._rows @ self._rows.T).astype(float) + np.eye(len(fit.z))
+        self._factor = cho_factor(normal)
+        self._flat = base.reshape(-1) * self._root
+        self._pull = self._rows @ self._flat + fit.z
+        self._answer = cho_solve(self._factor, self._pull)
+
+    def promise(self, response: Array, lowest: float = 0.0) -> tuple[float, Array, float]:
+        """As `_promise`, of what a start changes; ``lowest`` is the smallest share of it about no effect."""
+        flat = response.reshape(-1) * self._root
+        pull = self._rows @ flat
+        answer = cho_solve(self._factor, pull)
+        curve = max(float(flat @ flat - pull @ answer), 1e-12)
+        slope = float(flat @ self._flat - pull @ self._answer)
+        found = []
+        # At the start itself the residual is a true replay.
+        for s in (float(np.clip(-slope / curve, lowest, 1.5)), 1.0):
+            dz = np.clip(-(self._answer + s * answer), -BOX - self._z, BOX - self._z)
+            predicted = (self._base + s * response).reshape(-1) + dz.astype(np.float32) @ self._nuisances
+            square = self._fitter.mean_square(predicted.reshape(response.shape), self._select)
+            z = self._z + dz
+            found.append((s, z, float(self._fitter.data_cost(square, self._select)) + 0.5 * float(z @ z)))
+        return min(found, key=lambda f: f[2])
 
 
 def _projector(fitter: Fitter, base: Array, select: Ints) -> Callable[[Array], Array]:

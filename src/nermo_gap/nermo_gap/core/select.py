@@ -1,4 +1,4 @@
-"""Which hypothesis: held-out scores, block bootstrap, the one-standard-error rule, forward selection with swaps."""
+"""Which hypothesis: the one-standard-error rule on held-out scores, forward selection with swaps."""
 
 from __future__ import annotations
 
@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 
 from nermo_gap.core.effects.base import Effect
 from nermo_gap.core.effects.growing import MIN_DURATION, Growing
-from nermo_gap.core.fit import Fit, Fitter, Hypothesis
+from nermo_gap.core.fit import Fitter
+from nermo_gap.core.hypothesis import Fit, Hypothesis
 from nermo_gap.core.nuisance import BOX
+from nermo_gap.core.scores import PER_PARAMETER, Scored, Scores
 from nermo_gap.core.screen import Screened, informative_windows, screen
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Progress = Callable[[str, float], None]
 
-BOOTSTRAPS = 400
-PER_PARAMETER = 1.0
-"""Price of a parameter [nats], beyond what held-out scoring takes by itself."""
 EVIDENCE = 4.0
 """An effect must earn this many nats beyond the price of having looked at many candidates (the log of their number)."""
 RELEVANT = 0.10
@@ -33,6 +32,9 @@ ENOUGH = 1.2
 further effect is looked for."""
 TIE = 0.5
 """[nats] Closer than this, two hypotheses predict the same."""
+CLOSE, LEAD = 3.0, 0.1
+"""Rivals nearer than so many nats, or than this share of what the winner explains, are not told apart, whatever the
+bootstrap says: no effect of a library is quite what a robot has, and the wrong one may bend a little better."""
 SURVIVORS = 10
 FINALISTS = 5
 FIT_WINDOWS = 30
@@ -41,8 +43,10 @@ PARTNERS = 6
 HOPELESS, FAR = 20.0, 0.3
 """Behind the best by more than so many nats, and by this share of what the best gains, a candidate is not refitted:
 fits with the nominal model's sensitivities are that rough."""
+FAVOURITES = 2
+"""First fits start where nominal numbers hide most of an effect; what the screening ranks so high is refitted."""
 LEADERS = 2
-"""Kinds of effects about which, beside the nominal model, errors of the windows' start are computed."""
+"""Kinds of effects about which, beside the nominal model, errors of the windows' start are computed, at most."""
 MAX_EFFECTS = 3
 
 
@@ -56,25 +60,13 @@ class Effort:
     """Candidates that are fitted."""
     finalists: int = FINALISTS
     """Candidates that are refitted with sensitivities of their own."""
+    leaders: int = LEADERS
+    """Kinds of effects about which errors of the windows' start are computed."""
     rounds: int = 3
     """How often the winner is."""
     partners: int = PARTNERS
     """Candidates that are fitted as one effect more."""
     max_effects: int = MAX_EFFECTS
-
-
-@dataclass
-class Scored:
-    """A fit with its held-out score; smaller is better."""
-
-    fit: Fit
-    score: float
-    gap: float
-
-    @property
-    def key(self) -> str:
-        """Names of its effects."""
-        return self.fit.hypothesis.key
 
 
 @dataclass
@@ -102,10 +94,19 @@ def _score(scored: Scored) -> float:
     return scored.score
 
 
+def indistinct(gain: float) -> float:
+    """How far [nats] behind a winner that gains ``gain`` a rival is not told from it."""
+    return max(CLOSE, LEAD * gain)
+
+
 def _extremities(fit: Fit) -> Array:
     """How far each parameter of a fit is from neutral, in its strongest try."""
     away: Array = np.abs(fit.x - fit.hypothesis.vector("neutral")) / np.maximum(fit.hypothesis.vector("strong"), 1e-300)
     return away
+
+
+def _kinds(fit: Fit) -> list[str]:
+    return sorted(e.name for e in fit.hypothesis.effects)
 
 
 def _parts(fit: Fit) -> int:
@@ -126,83 +127,36 @@ class Selector:
     ) -> None:
         self._effort = effort or Effort()
         self.fitter, self.effects, self._progress = fitter, list(effects), progress
-        windows = fitter.windows
-        scored = np.flatnonzero(windows.fold >= 0)
-        blocks = np.unique(windows.block[scored])
-        rng = np.random.default_rng(seed)
-        draws = rng.integers(0, len(blocks), (BOOTSTRAPS, len(blocks)))
-        times = np.stack([np.bincount(d, minlength=len(blocks)) for d in draws])
-        # How often each window counts in each bootstrap sample, (BOOTSTRAPS + 1, nw); the first row is the data itself.
-        self.draws: Array = np.zeros((BOOTSTRAPS + 1, len(windows)))
-        self.draws[0, scored] = 1.0
-        self.draws[1:, scored] = times[:, np.searchsorted(blocks, windows.block[scored])]
-
-    # -- scores --------------------------------------------------------------------------------------------------
-
-    def costs(self, fit: Fit) -> Array:
-        """Total score of a fit in each bootstrap sample, (BOOTSTRAPS + 1,)."""
-        square = np.nan_to_num(fit.held)
-        weight = self.draws[:, :, None] * self.fitter.recorded[None]
-        total = np.maximum(weight.sum(axis=1), 1.0)
-        mean = (weight * np.log1p(square)[None]).sum(axis=1) / total
-        n = self.fitter.independent * self.fitter.recorded[self.draws[0] > 0].sum(axis=0)
-        data = 0.5 * (n * mean).sum(axis=1)
-        result: Array = data + fit.prior + PER_PARAMETER * fit.hypothesis.size
-        return result
-
-    def gaps(self, square: Array) -> Array:
-        """Gap (root mean square of normalised residuals over channels) in each bootstrap sample, from (nw, nl)."""
-        weight = self.draws[:, :, None] * self.fitter.recorded[None]
-        mean = (weight * np.nan_to_num(square)[None]).sum(axis=1) / np.maximum(weight.sum(axis=1), 1.0)
-        result: Array = np.sqrt(mean.mean(axis=1))
-        return result
-
-    def typical(self, square: Array) -> float:
-        """Gap of a typical window, from (nw, nl): the geometric mean over them, which few wild ones do not move."""
-        weight = self.draws[0][:, None] * self.fitter.recorded
-        mean = (weight * np.log1p(np.nan_to_num(square))).sum(axis=0) / np.maximum(weight.sum(axis=0), 1.0)
-        return float(np.sqrt(np.expm1(mean).mean()))
-
-    def scored(self, fit: Fit) -> Scored:
-        """Score a cross-validated fit."""
-        return Scored(fit, float(self.costs(fit)[0]), float(self.gaps(fit.held)[0]))
-
-    def difference(self, worse: Fit, better: Fit) -> tuple[float, float, float]:
-        """(mean, 5 %, 95 %) of the score that ``better`` gains over ``worse`` [nats], paired by block."""
-        gain = self.costs(worse) - self.costs(better)
-        low, high = np.percentile(gain[1:], [5, 95])
-        return float(gain[0]), float(low), float(high)
+        self.scores = Scores(fitter, seed)
 
     def beyond(self, fit: Fit) -> float:
         """What the data would gain [nats] if the nominal numbers might be off twice as far; their priors stay."""
         wider = self.fitter.fit(fit.hypothesis, fit.x, fit.z, 4, fit.residual, box=2.0 * BOX)
         return fit.cost - wider.cost
 
-    # -- competition ---------------------------------------------------------------------------------------------
-
     def run(self) -> Selection:
         """The whole competition."""
         fitter = self.fitter
         self._say("nuisances", 0.0)
-        reference = self.scored(fitter.cross_validate(fitter.fit_nuisances()))
+        reference = self.scores.scored(fitter.cross_validate(fitter.fit_nuisances()))
         assert fitter.nominal is not None
         screened = self._screen_about_nominal()
         singles = self._fit_all([(Hypothesis((s.effect,)), s) for s in screened[: self._effort.survivors]], "fit")
-        singles, reference = self._finals(singles, reference)
+        singles, reference = self._finals(singles, reference, screened[:FAVOURITES])
         nominal_square = fitter.mean_square(
             fitter.replay(Hypothesis(), [(np.zeros(0), np.zeros(len(fitter.nuisances)))])[0]
         )
-        result = Selection(reference, float(self.gaps(nominal_square)[0]), reference, singles, [], [], screened)
+        result = Selection(reference, float(self.scores.gaps(nominal_square)[0]), reference, singles, [], [], screened)
         self.nominal_square = nominal_square
-        winner = self._simplest(singles)
+        winner = self._simplest(singles, reference)
         if winner is None or not self._earns(reference, winner, len(self.effects)):
             return result
         winner = self._follow(winner)
         singles = sorted([winner, *(s for s in singles if s.fit.hypothesis is not winner.fit.hypothesis)], key=_score)
         result.best, result.rivals = winner, singles
-        result.gains.append(self.difference(reference.fit, winner.fit))
+        result.gains.append(self.scores.difference(reference.fit, winner.fit))
         while len(result.best.fit.hypothesis.effects) < self._effort.max_effects:
-            enough = self.typical(result.best.fit.held) < ENOUGH and not result.best.fit.strained
+            enough = self.scores.typical(result.best.fit.held) < ENOUGH and not result.best.fit.strained
             if enough or not self._add(result, screened):
                 break
         self._drop(result)
@@ -247,7 +201,7 @@ class Selector:
                 fit.held = np.where(
                     self.fitter.windows.fold[:, None] >= 0, self.fitter.mean_square(fit.residual), np.nan
                 )
-        return sorted((self.scored(f) for f in fits), key=_score)
+        return sorted((self.scores.scored(f) for f in fits), key=_score)
 
     def _nearest(self, hypothesis: Hypothesis, start: Screened, select: Ints) -> Array:
         """The best of the start and of values between the tries on its side, by true replays.
@@ -266,25 +220,37 @@ class Selector:
         costs = self.fitter.data_cost(self.fitter.mean_square(residuals, select), select)
         return points[int(np.argmin(costs))]
 
-    def _finals(self, singles: list[Scored], reference: Scored) -> tuple[list[Scored], Scored]:
-        """Refit the leaders with sensitivities of their own, the start of windows judged by the leader's model."""
+    def _finals(
+        self, singles: list[Scored], reference: Scored, favourites: Sequence[Screened]
+    ) -> tuple[list[Scored], Scored]:
+        """Refit the leaders with sensitivities of their own, the start of windows judged by the leader's model.
+
+        The ``favourites`` of the screening are refitted in any case.
+        """
         fitter = self.fitter
         if not singles:
             return singles, reference
         # Leaders of different kinds, so that no kind is judged by what another forgives.
         kinds = {s.fit.hypothesis.effects[0].name: s.fit for s in reversed(singles[: self._effort.finalists])}
-        leaders = sorted(kinds.values(), key=lambda f: f.cost)[:LEADERS] if singles[0].score < reference.score else []
+        leaders = (
+            sorted(kinds.values(), key=lambda f: f.cost)[: self._effort.leaders]
+            if singles[0].score < reference.score
+            else []
+        )
         models = [fitter.variant(f.hypothesis, f.x, f.z) for f in (reference.fit, *reversed(leaders))]
-        fitter.residuals.update_start(*models)
+        fitter.update_start(*models)
         again = []
         margin = self._hopeless(reference, singles[0])
         hopeful = [s for s in singles[: self._effort.finalists] if s.score < singles[0].score + margin]
+        promising = [Hypothesis((f.effect,)).key for f in favourites]
+        hopeful += [s for s in singles if s.key in promising and s not in hopeful]
         for i, scored in enumerate([*hopeful, reference]):
             self._say("finals", i / (len(hopeful) + 1))
             fit = fitter.fit(scored.fit.hypothesis, scored.fit.x, scored.fit.z, iterations=1)
-            again.append(self.scored(fitter.polish(fit)))
+            again.append(self.scores.scored(fitter.polish(fit)))
         reference = again.pop()
-        fitter.refresh(reference.fit.hypothesis, reference.fit.x, reference.fit.z, reference.fit.residual)
+        fit = reference.fit
+        fitter.refresh(fit.hypothesis, fit.x, fit.z, fit.residual, fitter.moved(fit))
         return sorted(again, key=_score) + [s for s in singles if s not in hopeful], reference
 
     @staticmethod
@@ -292,17 +258,25 @@ class Selector:
         """How far [nats] behind the best of a round a candidate may be and still be refitted."""
         return max(HOPELESS, FAR * (without.score - best.score))
 
-    def _simplest(self, scored: Sequence[Scored]) -> Scored | None:
-        """One-standard-error rule: of those within one standard error of the best, the one with fewest parameters."""
+    def _simplest(self, scored: Sequence[Scored], without: Scored) -> Scored | None:
+        """One-standard-error rule: of those within one standard error of the best, the one with fewest parameters.
+
+        And of the same effects at fewer parts, any that cannot be told from it: values for joints that have nothing
+        take up what nominal numbers are off, and so seem to earn a little.
+        """
         if not scored:
             return None
         best = scored[0]
         chosen = best
         for rival in scored[1:FINALISTS]:
-            gain = self.costs(rival.fit) - self.costs(best.fit)
+            gain = self.scores.costs(rival.fit) - self.scores.costs(best.fit)
             simpler = rival.fit.hypothesis.size < chosen.fit.hypothesis.size
             if simpler and gain[0] <= float(gain[1:].std()) + PER_PARAMETER:
                 chosen = rival
+        close = best.score + indistinct(without.score - best.score)
+        for rival in scored[1:FINALISTS]:
+            if _kinds(rival.fit) == _kinds(chosen.fit) and _parts(rival.fit) < _parts(chosen.fit):
+                chosen = rival if rival.score < close else chosen
         # Names for the same change: the one at fewer parts, or that has to be less extreme.
         for rival in scored[1:FINALISTS]:
             same = rival.fit.hypothesis.size == chosen.fit.hypothesis.size and rival.score < chosen.score + TIE
@@ -318,8 +292,8 @@ class Selector:
         Of one effect more, a good part of what is left above the noise floor is asked: nothing is quite as its model
         says (a friction's law, a servo's), and there is always some effect that takes a little of that.
         """
-        gain, low, _ = self.difference(without.fit, with_.fit)
-        before, after = (self.typical(s.fit.held) for s in (without, with_))
+        gain, low, _ = self.scores.difference(without.fit, with_.fit)
+        before, after = (self.scores.typical(s.fit.held) for s in (without, with_))
         strain = without.fit.prior - with_.fit.prior
         if without.fit.hypothesis.effects:
             relevant = after - 1.0 < (1.0 - MORE) * (before - 1.0)
@@ -332,7 +306,7 @@ class Selector:
     def _add(self, result: Selection, screened: Sequence[Screened]) -> bool:
         """Try one effect more, then swap the older ones; True where that was worth it."""
         fitter, base = self.fitter, result.best
-        fitter.refresh(base.fit.hypothesis, base.fit.x, base.fit.z, base.fit.residual)
+        fitter.refresh(base.fit.hypothesis, base.fit.x, base.fit.z, base.fit.residual, fitter.moved(base.fit))
         present = {e.key for e in base.fit.hypothesis.effects}
         others = [e for e in self.effects if e.key not in present]
         partners = screen(
@@ -344,12 +318,12 @@ class Selector:
             return False
         pairs = self._swap(pairs, screened)
         margin = self._hopeless(base, pairs[0])
-        polished = [self.scored(fitter.polish(p.fit)) for p in pairs[:2] if p.score < pairs[0].score + margin]
+        polished = [self.scores.scored(fitter.polish(p.fit)) for p in pairs[:2] if p.score < pairs[0].score + margin]
         pairs = sorted([*polished, *pairs[len(polished) :]], key=_score)
-        best = self._simplest(pairs)
+        best = self._simplest(pairs, base)
         if best is None or not self._earns(base, best, len(others)):
             return False
-        result.gains.append(self.difference(base.fit, best.fit))
+        result.gains.append(self.scores.difference(base.fit, best.fit))
         best = self._follow(best)
         pairs = sorted([best, *(p for p in pairs if p.fit.hypothesis is not best.fit.hypothesis)], key=_score)
         result.best, result.rivals = best, pairs
@@ -365,21 +339,21 @@ class Selector:
                 self._say("drop", i / len(full.hypothesis.effects))
                 rest = tuple(e for e in full.hypothesis.effects if e is not effect)
                 x = np.delete(full.x, np.arange(starts[i], starts[i + 1]))
-                without.append(self.scored(self.fitter.polish(self.fitter.fit(Hypothesis(rest), x, full.z))))
+                without.append(self.scores.scored(self.fitter.polish(self.fitter.fit(Hypothesis(rest), x, full.z))))
             simpler = min(without, key=_score)
             if self._earns(simpler, result.best, len(self.effects)):
-                result.gains = [self.difference(w.fit, full) for w in without]
+                result.gains = [self.scores.difference(w.fit, full) for w in without]
                 return
             others = result.singles if len(simpler.fit.hypothesis.effects) == 1 else without
             result.rivals = sorted([simpler, *(s for s in others if s.key != simpler.key)], key=_score)
-            result.best, result.gains = simpler, [self.difference(result.reference.fit, simpler.fit)]
+            result.best, result.gains = simpler, [self.scores.difference(result.reference.fit, simpler.fit)]
 
     def _settle(self, result: Selection) -> None:
         """Fit the winner once more with all nuisance sensitivities its own: its intervals rest on them."""
         old = result.best
-        self.fitter.refresh(old.fit.hypothesis, old.fit.x, old.fit.z, old.fit.residual)
+        self.fitter.refresh(old.fit.hypothesis, old.fit.x, old.fit.z, old.fit.residual, self.fitter.moved(old.fit))
         fit = self.fitter.fit(old.fit.hypothesis, old.fit.x, old.fit.z, known=old.fit.residual)
-        result.best = self.scored(self.fitter.cross_validate(fit))
+        result.best = self.scores.scored(self.fitter.cross_validate(fit))
         result.rivals = sorted([result.best, *(r for r in result.rivals if r is not old)], key=_score)
 
     def _grow(self, result: Selection) -> None:
@@ -396,14 +370,14 @@ class Selector:
             at = sum(len(e.parameters) for e in effects[: i + 1])
             effects[i] = Growing(effect, duration)
             fit = self.fitter.fit(Hypothesis(tuple(effects)), np.insert(base.fit.x, at, 0.0), base.fit.z)
-            grown = self.scored(self.fitter.cross_validate(fit))
-            gain, low, _ = self.difference(base.fit, grown.fit)
+            grown = self.scores.scored(self.fitter.cross_validate(fit))
+            gain, low, _ = self.scores.difference(base.fit, grown.fit)
             if gain > EVIDENCE and low > 0.0:
                 result.best = self._follow(grown)
 
     def _follow(self, scored: Scored) -> Scored:
         """A winner fitted to the end."""
-        better = self.scored(self.fitter.polish(scored.fit, rounds=self._effort.rounds))
+        better = self.scores.scored(self.fitter.polish(scored.fit, rounds=self._effort.rounds))
         return better if better.fit.cost <= scored.fit.cost else scored
 
     def _swap(self, pairs: list[Scored], screened: Sequence[Screened]) -> list[Scored]:
@@ -419,7 +393,7 @@ class Selector:
                 effects, values = list(lead.hypothesis.effects), list(parts)
                 effects[position], values[position] = s.effect, s.x
                 fit = self.fitter.fit(Hypothesis(tuple(effects)), np.concatenate(values), lead.z)
-                extra.append(self.scored(self.fitter.cross_validate(fit)))
+                extra.append(self.scores.scored(self.fitter.cross_validate(fit)))
         return sorted([*pairs, *extra], key=_score)
 
     def _say(self, stage: str, share: float) -> None:

@@ -40,6 +40,8 @@ class ServoStep:
         self._low = np.where(limited, bounds[..., 0], -np.inf)
         self._high = np.where(limited, bounds[..., 1], np.inf)
         joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+        hinge = np.isin(model.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
+        self._at_joint = np.flatnonzero(joint & hinge[np.where(joint, model.actuator_trnid[:, 0], 0)])
         self._dof = np.where(joint, model.jnt_dofadr[np.maximum(model.actuator_trnid[:, 0], 0)], 0)
         self._play = [int(a) for a in np.flatnonzero((self._width > 0).any(axis=0)) if joint[a]]
         if self._play:
@@ -85,11 +87,15 @@ class ServoStep:
             answered = np.where(self._hard, error, error - np.sign(error) * self._band)
             control = np.where(self._band > 0, zero + np.where(outside, answered, 0.0), control)
         if self._sag.any():
-            force = self._gain * control + self._bias[..., 0] + self._bias[..., 1] * length
-            force = np.clip(force + self._bias[..., 2] * self._velocity, self._low, self._high)
+            asked = self._gain * control + self._bias[..., 0] + self._bias[..., 1] * length
+            velocity = self._velocity.copy()
+            at = self._at_joint
+            velocity[:, at] = self._gear[:, at] * self._batch.qvel[:, self._dof[at]]
+            asked += self._bias[..., 2] * velocity
+            force = np.clip(asked, self._low, self._high)
             load = np.abs(force * self._gear).sum(axis=1, keepdims=True) / self._reference
-            # What flows is what the reduced voltage still drives.
-            lost = self._sag * load / (1.0 + self._sag * load) * force
+            # What flows is what the reduced voltage still drives, of a servo at its limit as well.
+            lost = asked - force / (1.0 + self._sag * load)
             control = control - np.where(self._gain == 0, 0.0, lost / np.where(self._gain == 0, 1.0, self._gain))
         if self._play:
             self._turn_motors(control, extra)

@@ -6,30 +6,30 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from nermo_gap.core.align import Aligned
+from nermo_gap.core.lateness import Lateness
 from nermo_gap.core.variant import InputPath, OutputPath
 
 Array = NDArray[np.float64]
 
 
 def shape_inputs(aligned: Aligned, paths: Sequence[InputPath]) -> Array:
-    """Inputs (npath, n, ni) after scale, offset, play, rate limit and control range; delays act between samples."""
+    """Inputs (npath, n, ni) after scale, offset, link, range, play and rate limit; delays act between samples."""
     scale, offset, rate, play = (
         np.stack([getattr(p, n) for p in paths]) for n in ("scale", "offset", "rate_limit", "play")
     )
     low, high = np.stack([p.low for p in paths]), np.stack([p.high for p in paths])
     u = aligned.inputs[None] * scale[:, None] + offset[:, None]
-    for i, path in enumerate(paths):
-        if path.added is not None:
-            u[i] += path.added
-    u = np.clip(u, low[:, None], high[:, None])
     late = np.stack([(p.loss > 0) | (p.jitter > 0) for p in paths])
     for which, channel in np.argwhere(late):
         for run in aligned.runs:
             part = slice(run.start, run.stop)
             u[which, part, channel] = _expected(u[which, part, channel], paths[which], int(channel), aligned.period)
+    for i, path in enumerate(paths):
+        if path.added is not None:
+            u[i] += path.added
+    u = np.clip(u, low[:, None], high[:, None])
     slow = np.flatnonzero((np.isfinite(rate) | (play > 0)).any(axis=1))
     if len(slow):
         u[slow] = _remember(u[slow], aligned, rate[slow] * aligned.period, 0.5 * play[slow])
@@ -38,19 +38,9 @@ def shape_inputs(aligned: Aligned, paths: Sequence[InputPath]) -> Array:
 
 def _expected(u: Array, path: InputPath, channel: int, period: float) -> Array:
     """The command (n,) that acts on average over a link that loses updates or delays them unevenly."""
-    loss, width = float(path.loss[channel]), float(path.jitter[channel]) / period
-    if loss > 0:
-        # Each update is missed with the same probability, and the one before acts on.
-        lag = max(round(float(path.update[channel]) / period), 1)
-        feedback = np.zeros(lag + 1)
-        feedback[0], feedback[lag] = 1.0, -loss
-        u = lfilter([1.0 - loss], feedback, u, zi=np.full(lag, loss * u[0]))[0]
-    if width > 0:
-        rows = np.arange(len(u), dtype=np.float64)
-        total = np.concatenate([[0.0], np.cumsum(0.5 * (u[1:] + u[:-1]))])
-        before = rows - width
-        u = (total - np.interp(before, rows, total) - u[0] * np.minimum(before, 0.0)) / width
-    return u
+    update = float(path.update[channel])
+    law = Lateness(float(path.loss[channel]), float(path.jitter[channel]) / update)
+    return law.moments(u, max(round(update / period), 1))[0]
 
 
 def _remember(u: Array, aligned: Aligned, step: Array, half_play: Array) -> Array:
@@ -61,8 +51,10 @@ def _remember(u: Array, aligned: Aligned, step: Array, half_play: Array) -> Arra
         value = centre.copy()
         for k in range(run.start, run.stop):
             centre = np.clip(centre, u[:, k] - half_play, u[:, k] + half_play)
-            value = np.clip(centre, value - step, value + step)
-            out[:, k] = value
+            before, value = value, np.clip(centre, value - step, value + step)
+            # A limited servo turns all through the period: what acts is the mean of its way.
+            way = value - before
+            out[:, k] = value - 0.5 * way * np.abs(way) / step
     return out
 
 

@@ -61,11 +61,6 @@ class MeasuredState:
         return measured == model.nv
 
 
-def semi_implicit(model: mujoco.MjModel) -> bool:
-    """Whether the integrator is of the Euler kind (as all of MuJoCo's but Runge-Kutta are)."""
-    return int(model.opt.integrator) != int(mujoco.mjtIntegrator.mjINT_RK4)
-
-
 def smoothing_length(period: float) -> int:
     """Odd number of samples of the smoother."""
     return max(5, 2 * round(0.5 * _SMOOTHING / period) + 1)

@@ -7,16 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.fit import Fit
+from nermo_gap.core.hypothesis import Fit
 from nermo_gap.core.nuisance import BOX
+from nermo_gap.core.scores import Scored
 from nermo_gap.core.screen import angle, projected_response
-from nermo_gap.core.select import FINALISTS, Scored, Selection, Selector
+from nermo_gap.core.select import FINALISTS, Selection, Selector, indistinct
 
 Array = NDArray[np.float64]
 
-CLOSE, LEAD = 3.0, 0.1
-"""Rivals nearer than so many nats, or than this share of what the winner explains, are not told apart, whatever the
-bootstrap says: no effect of a library is quite what a robot has, and the wrong one may bend a little better."""
 SMALL = 4.0
 """A gap below this many noise floors is not worth a verdict of unknown."""
 REMAINS = 2.5
@@ -28,11 +26,10 @@ LEFT = 0.35
 HIDDEN = 0.15
 """Another effect hides in nominal numbers at the end of what their priors allow where letting them go further is worth
 this share of what the effect that was found is worth."""
-PATTERN = 0.05
-"""Share of the residual's power that a regression predicts where there is none to speak of."""
-UNEXPLAINED, LEFT_TYPICAL = 2.0, 0.15
+UNEXPLAINED, LEFT_TYPICAL, LEFT_OVERALL = 2.0, 0.15, 0.1
 """An effect that is the cause leaves a typical window with no more noise floors than this, or with no more than this
-share of what nominal numbers alone leave."""
+share of what nominal numbers alone leave; or all windows together with no more than the last (a stop that is seldom
+met changes few windows, but much in these)."""
 UNSTABLE = 0.5
 """Spread of a parameter between folds, relative to its distance from neutral."""
 
@@ -61,7 +58,7 @@ def judge(selector: Selector, selection: Selection, structure: float) -> Verdict
     best, reference = selection.best, selection.reference
     verdict = Verdict("no_gap", best)
     if best is reference:
-        typical = selector.typical(best.fit.held)
+        typical = selector.scores.typical(best.fit.held)
         if typical > REMAINS or (best.gap > SMALL and structure > STRUCTURE):
             verdict.kind = "unknown"
             verdict.open = [s.fit for s in selection.singles[:2]] + [reference.fit]
@@ -102,16 +99,16 @@ def _doubts(selector: Selector, selection: Selection, structure: float) -> list[
             f"the best hypothesis ({best.key}) leaves {100 * left:.0f} % of the gap, "
             f"and {100 * structure:.0f} % of that is predictable: the cause is not in the library"
         )
-    typical, reference_typical = (selector.typical(s.fit.held) for s in (best, reference))
+    typical, reference_typical = (selector.scores.typical(s.fit.held) for s in (best, reference))
     share = (typical - 1.0) / max(reference_typical - 1.0, 1e-9)
-    # What a random effect leaves has no pattern.
-    by_chance = any(e.random for e in best.fit.hypothesis.effects) and structure < PATTERN
-    if typical > UNEXPLAINED and share > LEFT_TYPICAL and not doubts and not by_chance:
+    overall = (best.gap - 1.0) / max(reference.gap - 1.0, 1e-9)
+    if typical > UNEXPLAINED and share > LEFT_TYPICAL and overall > LEFT_OVERALL and not doubts:
         doubts.append(
             f"the best hypothesis ({best.key}) leaves {typical:.1f} noise floors in a typical window, "
             f"{100 * share:.0f} % of what nominal numbers leave: the cause is not in the library"
         )
-    if strained := [selector.fitter.nuisances[i].name for i in best.fit.strained]:
+    strained = [selector.fitter.nuisances[i].name for i in best.fit.strained]
+    if strained and best.fit.likelihood is None:
         more, found = selector.beyond(best.fit), selection.gains[-1][0]
         if more > HIDDEN * found:
             doubts.append(
@@ -149,14 +146,14 @@ def _equivalents(selector: Selector, selection: Selection, verdict: Verdict) -> 
     best = selection.best
     winner = projected_response(selector.fitter, best.fit, selection.reference.fit)
     mine = _names(best.fit)
-    close = max(CLOSE, LEAD * min(gain for gain, _, _ in selection.gains))
+    close = indistinct(min(gain for gain, _, _ in selection.gains))
     alike = []
     for rival in selection.rivals[: 2 * FINALISTS]:
         if rival is best or _names(rival.fit) == mine:
             continue
         response = projected_response(selector.fitter, rival.fit, selection.reference.fit)
         verdict.angles[f"{best.key} | {rival.key}"] = angle(winner, response)
-        gain, low, _ = selector.difference(rival.fit, best.fit)
+        gain, low, _ = selector.scores.difference(rival.fit, best.fit)
         if (gain < close or low <= 0.0) and not _nested(best.fit, rival.fit):
             alike.append(rival)
     if not alike:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_gap.core.diagnose import Diagnosis
-from nermo_gap.core.fit import Hypothesis
+from nermo_gap.core.hypothesis import Hypothesis
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -138,7 +138,7 @@ def _ranking(found: Diagnosis) -> list[Rank]:
         if scored.key in seen or scored is selection.reference:
             continue
         seen.add(scored.key)
-        gain, low, high = selector.difference(selection.reference.fit, scored.fit)
+        gain, low, high = selector.scores.difference(selection.reference.fit, scored.fit)
         ranked.append(Rank(scored.key, gain, low, high, scored.gap, scored is selection.best))
     return sorted(ranked, key=lambda r: -r.gain)[:_RANKED]
 

@@ -98,8 +98,6 @@ class Effect(ABC):
     name: str
     grows: ClassVar[bool] = False
     """Whether ``apply`` looks at ``variant.moment``."""
-    random: ClassVar[bool] = False
-    """Whether it is another every time, so that only its mean is replayed and the rest stays in the residual."""
 
     def __init__(self, site: Site, parameters: Sequence[Parameter], form: str = "") -> None:
         self.site, self.parameters, self.form = site, tuple(parameters), form

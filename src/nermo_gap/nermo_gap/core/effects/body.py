@@ -68,14 +68,31 @@ class ComShift(Effect):
         shift_com(variant.model, self.site.targets[0], values)
 
 
+def turns_alone(model: mujoco.MjModel, body: int) -> int:
+    """The hinge by which alone a body turns (the first of a chain on the ground), else -1."""
+    hinge, at = -1, body
+    while at > 0:
+        for joint in range(int(model.body_jntadr[at]), int(model.body_jntadr[at] + model.body_jntnum[at])):
+            if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE:
+                continue
+            if hinge >= 0 or at != body or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
+                return -1
+            hinge = joint
+        at = int(model.body_parentid[at])
+    return hinge
+
+
 class Inertia(Effect):
-    """A body's rotational inertia is another, its mass the same."""
+    """A body's rotational inertia is another, its mass the same. Of one that turns about one hinge only, this is
+    `armature`.
+    """
 
     name = "inertia"
 
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
-        for site in named_sites(context, Obj.mjOBJ_BODY, moving_bodies(context.model), together=False):
+        bodies = [b for b in moving_bodies(context.model) if turns_alone(context.model, b) < 0]
+        for site in named_sites(context, Obj.mjOBJ_BODY, bodies, together=False):
             yield cls(site, [ratio(tries=(0.4, 1.8, 4.0), high=20.0)])
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:

@@ -19,6 +19,7 @@ from nermo_gap.core.effects.base import (
     named_sites,
     scalar_joints,
 )
+from nermo_gap.core.effects.body import turns_alone
 from nermo_gap.core.variant import Variant
 
 Obj = mujoco.mjtObj
@@ -152,10 +153,22 @@ class Armature(AtJoints):
 
     name = "armature"
 
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        """The inertia of a body that turns about this joint only is the same."""
+        return self._body
+
+    _body: tuple[str, ...] = ()
+
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
-        for site in named_sites(context, Obj.mjOBJ_JOINT, scalar_joints(context.model)):
-            yield cls(site, by_joint(context, site, lambda joints: _inertia(context, joints)))
+        model = context.model
+        alone = {turns_alone(model, b): str(model.body(b).name) for b in range(1, model.nbody)}
+        for site in named_sites(context, Obj.mjOBJ_JOINT, scalar_joints(model)):
+            effect = cls(site, by_joint(context, site, lambda joints: _inertia(context, joints)))
+            if len(site.targets) == 1 and site.targets[0] in alone:
+                effect._body = (f"inertia@{alone[site.targets[0]]}",)
+            yield effect
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         variant.model.dof_armature[_dofs(variant, self.site.targets)] += np.asarray(values)

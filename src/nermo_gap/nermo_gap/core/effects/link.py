@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 
 from nermo_gap.core.effects.base import Context, Effect, Parameter, Site
+from nermo_gap.core.lateness import Lateness
 from nermo_gap.core.variant import Variant
 
 
@@ -34,45 +36,60 @@ class LinkLatency(Effect):
         variant.inputs.delay[list(self.site.targets)] += values[0]
 
 
-class LinkJitter(Effect):
-    """Commands arrive late by a time that differs from one to the next.
-
-    A recording does not say by how much each one was late, so the command that acts on average is replayed: delays are
-    spread evenly between 0 and the parameter. What is random about them stays in the residual.
-    """
-
-    name = "link_jitter"
-    random = True
-
-    @classmethod
-    def candidates(cls, context: Context) -> Iterable[Effect]:
-        if channels := _commands(context):
-            site = Site("all", tuple(channels))
-            yield cls(site, [Parameter("spread", "s", 0.0, 0.0, 0.3, (0.02, 0.06, 0.15), 0.02)])
-
-    def apply(self, variant: Variant, values: Sequence[float]) -> None:
-        variant.inputs.jitter[list(self.site.targets)] += values[0]
-
-
-class LinkLoss(Effect):
-    """Some commands never arrive, and the one before acts on; replayed is the command that acts on average."""
-
-    name = "link_loss"
-    random = True
-
-    @classmethod
-    def candidates(cls, context: Context) -> Iterable[Effect]:
-        if channels := _commands(context):
-            effect = cls(Site("all", tuple(channels)), [Parameter("share", "1", 0.0, 0.0, 0.95, (0.3, 0.6, 0.85), 0.1)])
-            effect._update = tuple(float(context.scales.input_update[i]) for i in channels)
-            yield effect
+class Late(Effect):
+    """Which command acts is a matter of chance: replayed is the one that acts on average, the rest is `Chance`'s."""
 
     _update: tuple[float, ...] = ()
     """[s] between two updates of each command."""
 
+    @classmethod
+    def _at_all(cls, context: Context, parameter: Parameter) -> Iterable[Effect]:
+        if channels := _commands(context):
+            effect = cls(Site("all", tuple(channels)), [parameter])
+            effect._update = tuple(float(context.scales.input_update[i]) for i in channels)
+            yield effect
+
+    @abstractmethod
+    def law(self, value: float) -> Lateness:
+        """The lateness of the link's commands at a value of the parameter."""
+
+    def lag(self, period: float) -> int:
+        """Rows between two updates, on a grid of ``period`` [s]."""
+        return max(round(min(self._update) / period), 1)
+
+
+class LinkJitter(Late):
+    """Commands come late by times that differ from one to the next, ``spread`` on average; none undoes a newer one."""
+
+    name = "link_jitter"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        return cls._at_all(context, Parameter("spread", "s", 0.0, 0.0, 0.4, (0.01, 0.04, 0.12), 0.02))
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        channels = list(self.site.targets)
+        variant.inputs.jitter[channels], variant.inputs.update[channels] = values[0], self._update
+
+    def law(self, value: float) -> Lateness:
+        return Lateness(0.0, value / min(self._update))
+
+
+class LinkLoss(Late):
+    """Some commands never arrive, and the one before acts on."""
+
+    name = "link_loss"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        return cls._at_all(context, Parameter("share", "1", 0.0, 0.0, 0.95, (0.3, 0.6, 0.85), 0.1))
+
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         channels = list(self.site.targets)
         variant.inputs.loss[channels], variant.inputs.update[channels] = values[0], self._update
+
+    def law(self, value: float) -> Lateness:
+        return Lateness(value, 0.0)
 
 
 class ClockOffset(Effect):

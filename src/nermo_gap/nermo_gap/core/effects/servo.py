@@ -33,6 +33,18 @@ def servo_unit(plant: Plant, actuator: int) -> str:
     return "m"
 
 
+def servo_sites(context: Context, actuators: Sequence[int]) -> list[Site]:
+    """Sites whose actuators are told in the same unit: an angle and the length of a cable have no value in common."""
+    sites = named_sites(context, Obj.mjOBJ_ACTUATOR, actuators)
+    return [s for s in sites if len({servo_unit(context.plant, a) for a in s.targets}) == 1]
+
+
+def pulls_cable(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether an actuator only pulls, at a tendon."""
+    at_tendon = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_TENDON
+    return bool(at_tendon and model.actuator_forcelimited[actuator] and model.actuator_forcerange[actuator, 1] <= 0)
+
+
 def _rms(context: Context, actuators: Sequence[int]) -> float:
     return float(np.mean(context.scales.input_rms[channels_of(context.plant, actuators)])) or 1.0
 
@@ -63,7 +75,7 @@ class ServoDeadBand(Effect):
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
         plain = [a for a in commanded(context.plant, ("position",)) if context.model.actuator_dyntype[a] == 0]
-        for site in named_sites(context, Obj.mjOBJ_ACTUATOR, plain):
+        for site in servo_sites(context, plain):
             unit, size = servo_unit(context.plant, site.targets[0]), _rms(context, site.targets)
             for form in ("full", "part"):
                 yield cls(site, [amount("half_width", unit, 0.1 * size, (0.1, 0.4, 1.2), high=8.0)], form)
@@ -85,7 +97,7 @@ class ServoBacklash(Effect):
         plain = [a for a in commanded(context.plant, ("position",)) if model.actuator_dyntype[a] == 0]
         at_joint = [a for a in plain if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT]
         for form, actuators in (("motor", at_joint), ("command", plain)):
-            for site in named_sites(context, Obj.mjOBJ_ACTUATOR, actuators):
+            for site in servo_sites(context, actuators):
                 unit, size = servo_unit(context.plant, site.targets[0]), _rms(context, site.targets)
                 yield cls(site, [amount("width", unit, 0.1 * size, (0.15, 0.5, 1.5), high=8.0)], form)
 
@@ -133,14 +145,18 @@ class ServoGain(Effect):
 
 
 class ServoOffset(Effect):
-    """The servo's zero is elsewhere: it adds a constant to its command (or the measured torque has a bias)."""
+    """The servo's zero is elsewhere: it adds a constant to its command (or the measured torque has a bias).
+
+    Of a servo that pulls a cable this is `tendon_slack`.
+    """
 
     name = "servo_offset"
 
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
         plant = context.plant
-        for site in named_sites(context, Obj.mjOBJ_ACTUATOR, commanded(plant, ("position", "velocity", "torque"))):
+        told = commanded(plant, ("position", "velocity", "torque"))
+        for site in servo_sites(context, [a for a in told if not pulls_cable(plant.model, a)]):
             size = 0.1 * _rms(context, site.targets)
             kind = plant.inputs[channels_of(plant, site.targets)[0]].kind
             unit = servo_unit(plant, site.targets[0]) if kind == "position" else "1"
@@ -165,7 +181,7 @@ class ServoRateLimit(Effect):
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
         plant = context.plant
-        for site in named_sites(context, Obj.mjOBJ_ACTUATOR, commanded(plant, ("position",))):
+        for site in servo_sites(context, commanded(plant, ("position",))):
             rates = context.scales.input_rate[channels_of(plant, site.targets)].max(axis=0)
             if rates[-1] <= 0:
                 continue
@@ -177,8 +193,9 @@ class ServoRateLimit(Effect):
             )
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
-        channels = channels_of(variant.plant, self.site.targets)
-        variant.inputs.rate_limit[channels] = np.minimum(variant.inputs.rate_limit[channels], values[0])
+        if values[0] < self.parameters[0].neutral:
+            channels = channels_of(variant.plant, self.site.targets)
+            variant.inputs.rate_limit[channels] = np.minimum(variant.inputs.rate_limit[channels], values[0])
 
 
 class ServoTorqueLimit(Effect):
@@ -188,9 +205,7 @@ class ServoTorqueLimit(Effect):
 
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
-        for site in named_sites(
-            context, Obj.mjOBJ_ACTUATOR, commanded(context.plant, ("position", "velocity", "torque"))
-        ):
+        for site in servo_sites(context, commanded(context.plant, ("position", "velocity", "torque"))):
             levels = context.scales.force[list(site.targets)].max(axis=0)
             if levels[-1] > 0:
                 # A servo that saturates lags, and the nominal one, held to its motion, then pulls far harder.

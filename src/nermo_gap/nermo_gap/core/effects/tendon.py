@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from nermo_gap.core.effects.base import Context, Effect, Parameter, amount, named_sites
-from nermo_gap.core.effects.servo import channels_of
+from nermo_gap.core.effects.servo import channels_of, pulls_cable
 from nermo_gap.core.plant import is_servo
 from nermo_gap.core.variant import Variant
 
@@ -31,15 +31,28 @@ def _length_scale(context: Context, tendons: Sequence[int]) -> float:
 
 
 class TendonSlack(Effect):
-    """The cable is too long: it pulls only after the slack is taken up."""
+    """The cable is too long: it pulls only after the slack is taken up. Pulled by a servo it may be too short."""
 
     name = "tendon_slack"
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        """A zero of the servo that lies elsewhere is the same."""
+        return self._servo
+
+    _servo: tuple[str, ...] = ()
 
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
         for site in named_sites(context, Obj.mjOBJ_TENDON, range(context.model.ntendon)):
             size = 0.1 * _length_scale(context, site.targets)
-            yield cls(site, [amount("slack", "m", size, (0.15, 0.5, 1.5), high=10.0)])
+            pulled = all(any(pulls_cable(context.model, a) for a in drivers(context.model, t)) for t in site.targets)
+            tries, low = ((-0.5, 0.15, 0.5, 1.5), -10.0) if pulled else ((0.15, 0.5, 1.5), 0.0)
+            effect = cls(site, [amount("slack", "m", size, tries, low, high=10.0)])
+            if pulled and len(site.targets) == 1:
+                names = [context.model.actuator(a).name for a in drivers(context.model, site.targets[0])]
+                effect._servo = tuple(f"servo_offset@{name}" for name in names)
+            yield effect
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         model = variant.model
@@ -49,15 +62,18 @@ class TendonSlack(Effect):
             if model.tendon_stiffness[t] > 0:
                 model.tendon_lengthspring[t, 1] += values[0]
             for a in drivers(model, t):
-                pull_only = bool(model.actuator_forcelimited[a]) and model.actuator_forcerange[a, 1] <= 0
-                if pull_only:
+                if pulls_cable(model, a):
                     variant.inputs.offset[channels_of(variant.plant, [a])] += values[0]
                 elif is_servo(model, a):
                     variant.servos.dead_band[a] += values[0]
 
 
 class TendonElasticity(Effect):
-    """The cable stretches: a spring in series with what pulls it."""
+    """The cable stretches: a spring in series with what pulls it.
+
+    Behind a spring of stiffness k, a servo (p, d) gives way: to first order in time it pulls with the share
+    r = k / (p + k) of its stiffness, r^2 of its damping, and answers its command later by d / (p + k).
+    """
 
     name = "tendon_elasticity"
 
@@ -85,8 +101,12 @@ class TendonElasticity(Effect):
             model.tendon_stiffness[t] /= 1.0 + values[0] * model.tendon_stiffness[t]
             for a in drivers(model, t):
                 softer = 1.0 / (1.0 - values[0] * model.actuator_biasprm[a, 1])
+                variant.inputs.delay[channels_of(variant.plant, [a])] -= (
+                    values[0] * softer * model.actuator_biasprm[a, 2]
+                )
                 model.actuator_gainprm[a, 0] *= softer
-                model.actuator_biasprm[a, 1:3] *= softer
+                model.actuator_biasprm[a, 1] *= softer
+                model.actuator_biasprm[a, 2] *= softer**2
 
 
 class TendonFriction(Effect):

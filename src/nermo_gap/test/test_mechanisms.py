@@ -1,0 +1,158 @@
+"""Does an effect of the library do what the mechanism of a hidden truth does, where all other numbers are right?"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from nermo_gap.blind import cases
+from nermo_gap.blind.cases import Case, Injected, robot_of, simulate
+from nermo_gap.blind.faults import FAULTS, LEVELS
+from nermo_gap.blind.imitate import left_by_imitation
+from nermo_gap.core.align import align
+from nermo_gap.core.effects.base import Context, Effect
+from nermo_gap.core.fit import Fitter
+from nermo_gap.core.hypothesis import Hypothesis
+from nermo_gap.core.integration import step_inertia
+from nermo_gap.core.library import enumerate_effects
+from nermo_gap.core.mapping import parse_map
+from nermo_gap.core.noise import noise_floor
+from nermo_gap.core.plant import Plant, build_plant
+from nermo_gap.core.recording import recording_from_table
+from nermo_gap.core.replay import Replayer
+from nermo_gap.core.residual import Residuals
+from nermo_gap.core.scales import measure_scales
+from nermo_gap.core.scores import Scores
+from nermo_gap.core.variant import Variant
+from nermo_gap.core.windows import cut
+
+
+@pytest.fixture
+def exact(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Truths whose numbers are those of the nominal model."""
+    build = cases.build
+    monkeypatch.setattr(cases, "build", lambda *a, **k: build(*a, **(k | {"spread": (0.0, 0.0)})))
+
+
+def _case(robot: str, name: str, level: int = 1) -> Case:
+    places = cases._all_sites(robot)
+    fault = next(f for f in FAULTS if f.name == name and places[f.kind])
+    site = places[fault.kind][0]
+    injected = Injected(name, fault.kind, site.name, site.members, LEVELS[level], fault.sizes[level], True, site.places)
+    return simulate(Case("000", robot, "single", (3, 5), 6.0, [injected]))
+
+
+def _replayed(case: Case) -> tuple[Fitter, list[Effect], Plant]:
+    robot = robot_of(case.robot)
+    plant = build_plant(mujoco.MjSpec.from_string(robot.xml), parse_map(robot.mapping))
+    # Truths have a finer step, at which servos act on the speed before it.
+    plant.model.dof_armature[:] -= 1.4 * step_inertia(plant.model)
+    aligned = align(recording_from_table(case.columns, plant), plant)
+    nominal = Variant.nominal(plant)
+    replayer = Replayer(plant, aligned, cut(aligned, 0.4, most=12), noise_floor(aligned), 1)
+    effects = enumerate_effects(Context(plant, measure_scales(replayer, nominal), {}), (), ())
+    return Fitter(Residuals.build(replayer, nominal), []), effects, plant
+
+
+def _typical(fitter: Fitter, hypothesis: Hypothesis, x: list[float]) -> float:
+    """Gap of a typical window [noise floors]."""
+    values, none = np.array(x), np.zeros(0)
+    starts = (fitter.variant(Hypothesis(), none, none), fitter.variant(hypothesis, values, none))
+    fitter.residuals.update_start(*starts)
+    return Scores(fitter).typical(fitter.mean_square(fitter.replay(hypothesis, [(values, none)])[0]))
+
+
+@pytest.mark.parametrize(
+    ("robot", "name"),
+    [
+        ("arm", "servo_backlash"),
+        ("arm", "servo_rate_limit"),
+        ("arm", "joint_range"),
+        ("finger", "tendon_slack"),
+        ("finger", "tendon_elasticity"),
+    ],
+)
+def test_at_the_true_value_little_is_left(exact: None, robot: str, name: str) -> None:
+    """The rest is the other time step, and the other law."""
+    case = _case(robot, name)
+    fitter, effects, _ = _replayed(case)
+    (fault,) = case.faults
+    without = _typical(fitter, Hypothesis(), [])
+    left = [
+        _typical(fitter, Hypothesis((effect,)), [fault.parameters[p.name] for p in effect.parameters])
+        for effect in effects
+        if (effect.name, effect.site.name) == (name, fault.site)
+        and all(p.name in fault.parameters for p in effect.parameters)
+    ]
+    assert min(left) - 1.0 < 0.3 * (without - 1.0)
+
+
+def test_a_sagging_supply_weakens_servos_at_their_limit_too(exact: None) -> None:
+    """Both servos of the arm saturate in this recording."""
+    case = _case("arm", "supply_sag", level=2)
+    fitter, effects, _ = _replayed(case)
+    truth = cases._Truths(case, robot_of("arm")).broken()
+    (effect,) = (e for e in effects if e.key == "supply_sag@all")
+    sag = truth.sag * effect._reference / truth.sag_at  # type: ignore[attr-defined]
+    assert _typical(fitter, Hypothesis((effect,)), [sag]) < 0.1 * _typical(fitter, Hypothesis(), [])
+
+
+def test_a_group_of_servos_is_told_in_one_unit() -> None:
+    """An offset in radians is none in metres; a cable's is called slack, and says so."""
+    _, effects, _ = _replayed(_case("finger", "servo_offset"))
+    offsets = [e for e in effects if e.name == "servo_offset"]
+    assert [e.site.name for e in offsets] == ["wrist_servo"]
+    (slack,) = (e for e in effects if e.name == "tendon_slack")
+    assert slack.aliases == ("servo_offset@cable_servo",) and slack.parameters[0].low < 0.0
+    assert {"servo_gain@all", "servo_dead_band@cable_servo"} <= {e.key for e in effects}
+    assert "servo_dead_band@all" not in {e.key for e in effects}
+
+
+_SERVO = """<mujoco><option timestep="{h}" integrator="{integrator}"/><worldbody><body>
+<joint name="j" axis="0 1 0" damping="0.2" armature="0.02"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.2" size=".02" mass=".3"/>
+</body></worldbody><actuator><position joint="j" kp="8" kv="0.3"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("integrator", ["implicitfast", "Euler"])
+def test_without_the_inertia_that_a_time_step_adds_a_coarse_simulation_is_nearly_exact(integrator: str) -> None:
+    def swing(h: float, kind: str, corrected: bool) -> np.ndarray:
+        model = mujoco.MjModel.from_xml_string(_SERVO.format(h=h, integrator=kind))
+        if corrected:
+            model.dof_armature[:] -= step_inertia(model)
+        data, found = mujoco.MjData(model), []
+        for k in range(round(1.0 / h)):
+            data.ctrl[0] = 0.5 * (1.0 - np.cos(10.0 * k * h))
+            mujoco.mj_step(model, data)
+            found.append(data.qpos[0])
+        return np.array(found)[round(0.02 / h) - 1 :: round(0.02 / h)]
+
+    exact = swing(1e-4, "RK4", corrected=False)
+    plain, better = (float(np.abs(swing(4e-3, integrator, c) - exact).max()) for c in (False, True))
+    assert better < 0.4 * plain
+    assert step_inertia(mujoco.MjModel.from_xml_string(_SERVO.format(h=4e-3, integrator="RK4"))) == 0.0
+
+
+def test_what_nominal_numbers_imitate_is_not_seen() -> None:
+    """Two numbers within tolerance explain their own changes, but not a shape that they do not make."""
+    time = np.linspace(0.0, 1.0, 200)
+    rng = np.random.default_rng(0)
+
+    def seen(z: np.ndarray) -> np.ndarray:
+        return 30.0 * np.stack([np.sin(3.0 * time * (1.0 + 0.1 * z[0])), (1.0 + 0.1 * z[1]) * time], 1)
+
+    noise = rng.standard_normal((200, 2))
+    assert left_by_imitation(seen, seen(np.array([0.9, -0.8])) + noise, 2) < 1.1
+    assert left_by_imitation(seen, seen(np.array([0.0, 3.0])) + noise, 2) > 2.5
+    assert left_by_imitation(seen, seen(np.zeros(2)) + 5.0 * np.sign(np.sin(40 * time))[:, None] + noise, 2) > 4.0
+
+
+def test_a_fault_that_nominal_numbers_imitate_grows_until_it_is_seen() -> None:
+    """The servo's damping may be off by more than this anyway."""
+    fault = next(f for f in FAULTS if f.name == "viscous_friction")
+    (site,) = cases._all_sites("pendulum")["joint"]
+    small = Injected("viscous_friction", fault.kind, site.name, site.members, "weak", 0.03, True, site.places)
+    case = cases.realise(Case("000", "pendulum", "single", (3, 6), 3.0, [small]))
+    assert case.faults[0].size > 0.04
+    assert case.healthy_shift > cases.VISIBLE
