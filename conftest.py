@@ -1,6 +1,7 @@
 """Ground rules for every test: a ROS graph of its own, no display, nothing written into the home folder."""
 
 import fcntl
+import importlib.util
 import os
 import sys
 import tempfile
@@ -44,7 +45,10 @@ def pytest_configure(config):
     # Helper modules of tests stand beside them.
     sys.path.extend(map(str, sorted(Path(__file__).parent.glob("src/*/test"))))
     os.environ["ROS_DOMAIN_ID"] = str(_lease_domain())
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    if importlib.util.find_spec("rclpy"):
+        from nermo_node.loopback import loopback
+
+        os.environ.update(loopback(os.environ))
     os.environ.setdefault("ROS_LOG_DIR", os.path.join(tempfile.gettempdir(), "nermo_test_logs"))
     os.environ.setdefault("MUJOCO_GL", "egl")
     os.environ.setdefault("MPLBACKEND", "Agg")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import signal
 import subprocess
 import sys
@@ -45,8 +44,6 @@ class ControlGraph:
     """Node processes of one test and the test's own ROS context."""
 
     def __init__(self) -> None:
-        # Nothing is left in shared memory by a process that was killed.
-        os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
         self._context = Context()
         rclpy.init(context=self._context)
         self.node = Node("bench", context=self._context, start_parameter_services=False)
@@ -75,6 +72,11 @@ class ControlGraph:
         process.send_signal(signal.SIGKILL)
         process.communicate()
 
+    def assert_alive(self, what: str) -> None:
+        """Fails when a node has ended by itself."""
+        for name, process in self._processes.items():
+            assert process.poll() is None, f"{name} ended before {what}: {process.communicate()[0]}"
+
     def spin_once(self, timeout: float) -> None:
         """Serves the test's node."""
         self._executor.spin_once(timeout_sec=timeout)
@@ -83,8 +85,7 @@ class ControlGraph:
         """Serves the test's node until something holds; the test fails when it does not, or when a node ends."""
         deadline = time.monotonic() + PATIENCE_S
         while not condition():
-            for name, process in self._processes.items():
-                assert process.poll() is None, f"{name} ended before {what}: {process.communicate()[0]}"
+            self.assert_alive(what)
             assert time.monotonic() < deadline, f"waited {PATIENCE_S:g} s in vain until {what}"
             self.spin_once(0.02)
 
@@ -168,6 +169,7 @@ class GraphRobot:
         """Ticks until something holds."""
         deadline = time.monotonic() + PATIENCE_S
         while not condition():
+            self._graph.assert_alive(what)
             assert time.monotonic() < deadline, f"waited {PATIENCE_S:g} s in vain until {what}"
             self.tick()
 

@@ -15,6 +15,7 @@ from nermo_bringup.launch.executables import find_executable
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.reader import Recording
 from nermo_description.results import CommandError
+from nermo_node.loopback import loopback
 
 STARTUP_S = 60.0
 """Patience with a graph that comes up; it takes a few seconds."""
@@ -99,9 +100,8 @@ class Graph:
 def running_graph(arguments: Mapping[str, str], log: Path, domain: int) -> Iterator[Graph]:
     """The main launch file's graph with these arguments, in a ROS domain of its own; nothing of it stays behind."""
     environment = {
-        **os.environ,
+        **loopback(os.environ),
         "ROS_DOMAIN_ID": str(domain),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "ROS_LOG_DIR": str(log.parent / "ros_logs"),
     }
     words = [f"{name}:={value}" for name, value in arguments.items()]

@@ -47,10 +47,14 @@ class World:
         return () if self.distro else _FOREIGN
 
     def variables(self, venv: Path) -> dict[str, str]:
-        """Environment variables that this world needs: the wheels are an ament prefix of their own."""
+        """Environment variables that this world needs: the wheels are an ament prefix of their own.
+
+        Fast DDS without shared memory, unless asked for: what a killed node leaves there can deafen its successor.
+        """
+        transports = {"FASTDDS_BUILTIN_TRANSPORTS": os.environ.get("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")}
         if self.distro:
-            return {}
-        return {"AMENT_PREFIX_PATH": str(venv), "CMAKE_PREFIX_PATH": str(venv)}
+            return transports
+        return transports | {"AMENT_PREFIX_PATH": str(venv), "CMAKE_PREFIX_PATH": str(venv)}
 
     def environment(self, venv: Path) -> dict[str, str]:
         """A whole environment for child processes in this world."""

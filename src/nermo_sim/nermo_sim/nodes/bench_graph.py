@@ -21,6 +21,7 @@ from rclpy.qos import QoSProfile
 from nermo_description.results import CommandError
 from nermo_interfaces.msg import ControlCommand, MotionCommand, ServoCommand, ServoStates
 from nermo_node import qos
+from nermo_node.loopback import loopback
 from nermo_node.run import EventsExecutor
 
 NODES = {
@@ -80,7 +81,7 @@ def bench_graph(robot: str, duration: float) -> dict[str, Any]:
 def started(robot: str, nodes: dict[str, str]) -> Iterator[Processes]:
     """Runs nodes, name and module each, in a ROS domain of their own, and ends them."""
     os.environ.setdefault("ROS_DOMAIN_ID", DOMAIN)
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ.update(loopback(os.environ))
     processes = {name: _start(name, module, robot) for name, module in nodes.items()}
     try:
         yield processes

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from nermo_gap.core.effects.base import Context, Effect, Parameter, Site, named_sites, ratio
 from nermo_gap.core.variant import Variant
@@ -73,21 +74,61 @@ class GroundFriction(Effect):
 
 
 class GroundSlope(Effect):
-    """The ground is not level: gravity leans, about y (pitch, uphill negative) and x (roll) of the world."""
+    """The ground is not level, and who tracks the robot has z along the plumb line: the ground turns about the origin.
+
+    By ``pitch`` about y (positive: downhill forward) and ``roll`` about x of the world.
+    """
 
     name = "ground_slope"
 
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
-        if np.linalg.norm(context.model.opt.gravity) > 0:
-            bounds = {"neutral": 0.0, "low": -0.4, "high": 0.4, "tries": (0.05,), "scale": 0.03}
-            yield cls(Site("all", ()), [Parameter(n, "rad", **bounds) for n in ("pitch", "roll")])  # type: ignore[arg-type]
+        if np.linalg.norm(context.model.opt.gravity) > 0 and colliding(context.model)[0]:
+            yield cls(Site("all", ()), _slopes())
 
     def starts(self) -> list[tuple[float, ...]]:
-        return [(0.06, 0.0), (-0.06, 0.0), (0.0, 0.06), (0.0, -0.06)]
+        return _UPHILL
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
-        lean(variant.model, values[0], values[1])
+        model = variant.model
+        turn = Rotation.from_euler("yx", values)
+        world, _ = colliding(model)
+        model.geom_pos[world] = turn.apply(model.geom_pos[world])
+        turned = turn * Rotation.from_quat(model.geom_quat[world], scalar_first=True)
+        model.geom_quat[world] = turned.as_quat(scalar_first=True)
+        model.geom_sameframe[world] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+
+
+class GravityLean(Effect):
+    """What the robot stands on or hangs from is not level, and what tracks it leans with it: gravity leans.
+
+    By ``pitch`` about y (positive: downhill forward) and ``roll`` about x of the world.
+    """
+
+    name = "gravity_lean"
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return ("ground_slope@all",)
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        if np.linalg.norm(context.model.opt.gravity) > 0:
+            yield cls(Site("all", ()), _slopes())
+
+    def starts(self) -> list[tuple[float, ...]]:
+        return _UPHILL
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        lean(variant.model, -values[0], -values[1])
+
+
+_UPHILL: list[tuple[float, ...]] = [(0.06, 0.0), (-0.06, 0.0), (0.0, 0.06), (0.0, -0.06)]
+
+
+def _slopes() -> list[Parameter]:
+    bounds = {"neutral": 0.0, "low": -0.4, "high": 0.4, "tries": (0.05,), "scale": 0.03}
+    return [Parameter(n, "rad", **bounds) for n in ("pitch", "roll")]  # type: ignore[arg-type]
 
 
 def lean(model: mujoco.MjModel, pitch: float, roll: float) -> None:
