@@ -212,8 +212,8 @@ def commands(name: str, seed: int, n: int, dt: float) -> dict[str, Array]:
         case "quad":
             return _trot(rng, n, dt)
         case _:
-            bend = 0.15 * smooth_noise(rng, n, dt, 0.3, 1.0)
-            return {"u0": -0.25 + 0.5 * bend, "u1": 0.02 * (0.55 - bend)}
+            swing, bend = (smooth_noise(rng, n, dt, 0.3, 1.5) for _ in range(2))
+            return {"u0": -0.25 + 0.15 * swing, "u1": 0.02 * (0.55 - 0.22 * bend)}
 
 
 def _trot(rng: np.random.Generator, n: int, dt: float) -> dict[str, Array]:

@@ -36,9 +36,9 @@ _VALLEY = 0.05
 """[nats] Polishing ends when a round gains less."""
 MANY, _MOVED = 24, 0.5
 """Of more than so many nuisances, a second look is had at those that are this many standard deviations off."""
-_WORTH = 1.0
-"""[nats] Of more than MANY nuisances, one that moves the nominal model's data by less than this when it is off by a
-whole standard deviation is left out: neither can it explain a gap, nor can this recording say what it is."""
+_WORTH = 3.0
+"""[nats] Of more than MANY nuisances, one that moves the data by less than this when it is off by a whole standard
+deviation is left out: neither can it explain a gap, nor can this recording say what it is."""
 _TRIALS = (1.0, 0.4, 0.12)
 _STRETCHES = 6
 """A parameter that grows takes so many values over a recording."""
@@ -210,11 +210,12 @@ class Fitter:
         return np.abs(fit.z) > _MOVED if len(fit.z) > MANY else None
 
     def _leave_out(self) -> None:
-        """Leave out nuisances of no weight, judged by their sensitivities about the nominal model."""
+        """Leave out nuisances that hardly move the data, by their sensitivities about the nominal model."""
         assert self.nominal is not None
         if len(self.nuisances) <= MANY:
             return
-        weight = self.weights(self.mean_square(self.nominal.residual))[:, None, :]
+        # As if no gap were left: beside an effect that explains it they count for more.
+        weight = self.weights(np.ones_like(self.mean_square(self.nominal.residual)))[:, None, :]
         worth = 0.5 * np.array([float((row * row * weight).sum()) for row in self.jacobian])
         kept = np.flatnonzero(worth > _WORTH)
         self.nuisances = [self.nuisances[i] for i in kept]

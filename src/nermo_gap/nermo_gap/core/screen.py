@@ -163,7 +163,7 @@ class _Quick:
         self._fitter, self._select, self._base, self._z = fitter, select, base, fit.z
         root = np.sqrt(fitter.weights(fitter.mean_square(base, select), select))[:, None, :]
         self._root = np.broadcast_to(root, base.shape).reshape(-1)
-        self._nuisances = fitter.jacobian[:, select].reshape(len(fit.z), -1)
+        self._nuisances = fitter.jacobian[:, select].reshape(len(fit.z), base.size)
         self._rows = self._nuisances * self._root.astype(np.float32)
         normal = (self._rows @ self._rows.T).astype(float) + np.eye(len(fit.z))
         self._factor = cho_factor(normal)
@@ -192,7 +192,7 @@ class _Quick:
 def _projector(fitter: Fitter, base: Array, select: Ints) -> Callable[[Array], Array]:
     """A function that weighs a change of the residual and takes out what nuisances within their priors can imitate."""
     root = np.sqrt(fitter.weights(fitter.mean_square(base, select), select))[:, None, :]
-    nuisances = (fitter.jacobian[:, select] * root).reshape(len(fitter.jacobian), -1).astype(float)
+    nuisances = (fitter.jacobian[:, select] * root).reshape(len(fitter.jacobian), base.size).astype(float)
     factor = np.linalg.cholesky(nuisances @ nuisances.T + np.eye(len(nuisances)))
 
     def project(change: Array) -> Array:
@@ -208,7 +208,7 @@ def projected_response(fitter: Fitter, fit: Fit, reference: Fit) -> Array:
     """What a fitted hypothesis changes in the residual, whitened, with what nuisances can imitate taken out; flat."""
     root = np.sqrt(fitter.weights(fitter.mean_square(reference.residual)))[:, None, :]
     change = ((fit.residual - reference.residual) * root).reshape(-1)
-    nuisances = (fitter.jacobian * root).reshape(len(fitter.jacobian), -1).astype(float)
+    nuisances = (fitter.jacobian * root).reshape(len(fitter.jacobian), change.size).astype(float)
     normal = nuisances @ nuisances.T + np.eye(len(nuisances))
     projected: Array = change - nuisances.T @ np.linalg.solve(normal, nuisances @ change)
     return projected

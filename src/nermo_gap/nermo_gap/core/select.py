@@ -244,6 +244,8 @@ class Selector:
         hopeful = [s for s in singles[: self._effort.finalists] if s.score < singles[0].score + margin]
         promising = [Hypothesis((f.effect,)).key for f in favourites]
         hopeful += [s for s in singles if s.key in promising and s not in hopeful]
+        known = {s.key for s in hopeful}
+        hopeful += [f for s in hopeful[:FAVOURITES] for f in self._forms(s.fit) if f.key not in known]
         for i, scored in enumerate([*hopeful, reference]):
             self._say("finals", i / (len(hopeful) + 1))
             fit = fitter.fit(scored.fit.hypothesis, scored.fit.x, scored.fit.z, iterations=1)
@@ -251,7 +253,24 @@ class Selector:
         reference = again.pop()
         fit = reference.fit
         fitter.refresh(fit.hypothesis, fit.x, fit.z, fit.residual, fitter.moved(fit))
-        return sorted(again, key=_score) + [s for s in singles if s not in hopeful], reference
+        again.sort(key=_score)
+        keys = {s.key for s in again}
+        return again + [s for s in singles if s.key not in keys], reference
+
+    def _forms(self, fit: Fit) -> list[Scored]:
+        """The same effects, one of them in another form; fitted from the same values.
+
+        Laws of one name are close, and which is the robot's shows only when each is fitted to the end.
+        """
+        found, effects = [], fit.hypothesis.effects
+        for i, effect in enumerate(effects):
+            names = [p.name for p in effect.parameters]
+            for other in self.effects:
+                same = other.key == effect.key and [p.name for p in other.parameters] == names
+                if same and other.form != effect.form:
+                    changed = Hypothesis((*effects[:i], other, *effects[i + 1 :]))
+                    found.append(self.scores.scored(self.fitter.cross_validate(self.fitter.fit(changed, fit.x, fit.z))))
+        return found
 
     @staticmethod
     def _hopeless(without: Scored, best: Scored) -> float:
@@ -319,7 +338,9 @@ class Selector:
         pairs = self._swap(pairs, screened)
         margin = self._hopeless(base, pairs[0])
         polished = [self.scores.scored(fitter.polish(p.fit)) for p in pairs[:2] if p.score < pairs[0].score + margin]
-        pairs = sorted([*polished, *pairs[len(polished) :]], key=_score)
+        polished += [self.scores.scored(fitter.polish(f.fit)) for f in self._forms(min(polished, key=_score).fit)]
+        keys = {p.key for p in polished}
+        pairs = sorted([*polished, *(p for p in pairs if p.key not in keys)], key=_score)
         best = self._simplest(pairs, base)
         if best is None or not self._earns(base, best, len(others)):
             return False
