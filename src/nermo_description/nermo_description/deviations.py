@@ -117,8 +117,9 @@ def _soft(geom: mujoco.MjsGeom, values: Values) -> None:
 
 
 def _slope(spec: mujoco.MjSpec, values: Values) -> None:
-    cp, sp = math.cos(values["pitch"]), math.sin(values["pitch"])
-    cr, sr = math.cos(values["roll"]), math.sin(values["roll"])
+    """Gravity leans instead of the ground, whose axes the world keeps; a positive pitch is downhill forward."""
+    cp, sp = math.cos(-values["pitch"]), math.sin(-values["pitch"])
+    cr, sr = math.cos(-values["roll"]), math.sin(-values["roll"])
     turn = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]]) @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     spec.option.gravity = turn @ np.array(spec.option.gravity)
 

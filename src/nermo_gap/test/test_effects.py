@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import mujoco
 import numpy as np
 import pytest
 from robots import ARM, LEG, MODELS, aligned_of, simulate
 
-from nermo_gap.core.effects.base import Context, Effect, group_names
+from nermo_gap.core.effects.base import Context, Effect, Site, group_names
 from nermo_gap.core.effects.body import shift_com
-from nermo_gap.core.effects.contact import soften_onset
+from nermo_gap.core.effects.contact import GravityLean, GroundSlope, soften_onset
 from nermo_gap.core.errors import GapInputError
 from nermo_gap.core.library import effect_classes, enumerate_effects, load_effects
 from nermo_gap.core.nuisance import apply_nuisances, enumerate_nuisances
@@ -26,7 +28,7 @@ NAMES = {
     *("armature", "tendon_slack", "tendon_elasticity", "tendon_friction", "tendon_detached", "joint_stiffness"),
     *("joint_damping", "joint_rest_angle", "joint_range", "mass", "com_shift", "inertia", "ground_friction"),
     *("ground_slope", "foot_compliance", "sensor_bias", "sensor_scale", "sensor_delay", "sensor_misalignment"),
-    *("sensor_saturation", "link_latency", "link_jitter", "link_loss", "clock_offset"),
+    *("sensor_saturation", "link_latency", "link_jitter", "link_loss", "clock_offset", "gravity_lean"),
 }
 
 
@@ -195,3 +197,24 @@ def test_the_leg_has_tendon_and_ground_effects() -> None:
     assert "tendon" in LEG
     keys = {e.key for e in _setup("leg")[2]}
     assert {"tendon_slack@knee_cable", "tendon_detached@knee_cable", "ground_friction@foot"} <= keys
+
+
+@pytest.mark.parametrize("kind", [GroundSlope, GravityLean])
+@pytest.mark.parametrize(("slope", "way"), [((0.1, 0.0), (1.0, 0.0)), ((0.0, 0.1), (0.0, -1.0))])
+def test_a_slope_is_slid_down_whichever_way_it_is_seen(
+    kind: type[GroundSlope | GravityLean], slope: tuple[float, float], way: tuple[float, float]
+) -> None:
+    """A puck without friction: g sin cos along the plumb line's level, or g sin in the axes of the ground."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><option timestep="0.001" cone="elliptic"/><worldbody><geom type="plane" size="9 9 1" friction="0"/>
+        <body pos="0 0 0.02"><freejoint/><geom type="box" size=".05 .05 .02" friction="0"/></body>
+        </worldbody></mujoco>"""
+    )
+    variant = SimpleNamespace(model=model)
+    kind(Site("all", ()), []).apply(cast(Variant, variant), slope)
+    data = mujoco.MjData(model)
+    for _ in range(1000):
+        mujoco.mj_step(model, data)
+    steep = np.sin(0.1) * (np.cos(0.1) if kind is GroundSlope else 1.0)
+    np.testing.assert_allclose(data.qpos[:2], 0.5 * 9.81 * steep * np.array(way), atol=0.02)
+    assert (data.qpos[2] < -0.02) == (kind is GroundSlope)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,9 +23,11 @@ from nermo_gap.core.plant import build_plant
 from nermo_gap.core.recording import recording_from_table
 
 
-def run_case(case: Case, threads: int | None = None, baselines: bool = False) -> dict[str, Any]:
+def run_case(
+    case: Case, robots: Sequence[str] = SMALL, threads: int | None = None, baselines: bool = False
+) -> dict[str, Any]:
     """Record a case and diagnose it; returns its row of the score, with the ranking."""
-    realise(case)
+    realise(case, robots)
     robot = robot_of(case.robot)
     plant = build_plant(mujoco.MjSpec.from_string(robot.xml), parse_map(robot.mapping))
     started, busy = time.monotonic(), time.process_time()
@@ -61,7 +64,7 @@ def main(
     for case in draw(first + cases, seed, tuple(robots.split(",")), seconds)[first:]:
         if case.id in done or kind not in ("", case.kind):
             continue
-        row = run_case(case, threads or None)
+        row = run_case(case, robots.split(","), threads or None)
         with out.open("a") as file:
             file.write(json.dumps(row) + "\n")
         right = "right" if row["correct"] else "WRONG"

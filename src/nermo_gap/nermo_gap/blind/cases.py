@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_gap.blind.faults import FAULTS, LEVELS, UNKNOWN, Fault, Scale, fault, soft_of
-from nermo_gap.blind.imitate import IMITATED, left_by_imitation, nominal_numbers
+from nermo_gap.blind.imitate import IMITATED, ZERO, ZERO_SHARE, left_by_imitation, nominal_numbers
 from nermo_gap.blind.robots import MAPS, MODELS, commands, start
 from nermo_gap.blind.sites import Site, sites
 from nermo_gap.blind.truth import PERIOD, Run, Truth, build, record
@@ -228,21 +228,37 @@ def _second(rng: np.random.Generator, first: Injected, places: dict[str, list[Si
     return best
 
 
-def realise(case: Case) -> Case:
-    """Record a case whose faults can be seen: one that hardly moves the recording is put at another site.
+def realise(case: Case, robots: Sequence[str] = SMALL) -> Case:
+    """Record a case whose faults can be seen, on its robot or, where they cannot, on another of ``robots``.
 
     A joint that hardly turns shows no inertia, a load on a vertical axis no weight, and a little viscous friction is
-    the same as a servo that damps as much more as nominal numbers may be off; nobody could find them. Where no site
-    shows a fault it grows until it does.
+    the same as a servo that damps as much more as nominal numbers may be off; nobody could find them. Such a fault is
+    put at another site; where no site shows it, it grows until it does or can grow no more.
 
     Raises ValueError as `simulate` does.
     """
-    rng, places = np.random.default_rng([*case.seed, 2]), _all_sites(case.robot)
+    rng = np.random.default_rng([*case.seed, 2])
+    levels = [LEVELS.index(f.level) for f in case.faults]
+    drawn = [fault(f.name, f.kind) for f in case.faults]
+    able = [r for r in robots if r != case.robot and all(_all_sites(r)[f.kind] for f in drawn)]
+    seen = _show(case, rng)
+    for robot in rng.permutation(able) if not seen else ():
+        case.robot, places = str(robot), _all_sites(str(robot))
+        case.faults = [_inject(rng, f, places, level) for f, level in zip(drawn, levels, strict=True)]
+        seen = _show(case, rng)
+        if seen:
+            break
+    return case
+
+
+def _show(case: Case, rng: np.random.Generator) -> bool:
+    """Record a case, its faults moved or grown until each can be seen; whether that succeeded."""
+    places = _all_sites(case.robot)
     simulate(case)
     for attempt in range(2 * _REDRAWS):
         hidden = next((i for i in range(len(case.faults)) if _shift(case, i) < VISIBLE), None)
         if hidden is None:
-            break
+            return True
         old = case.faults[hidden]
         others = {m for f in case.faults if f is not old for m in f.members}
         drawn = [_inject(rng, fault(old.name, old.kind), places, LEVELS.index(old.level)) for _ in range(8)]
@@ -252,10 +268,10 @@ def realise(case: Case) -> Case:
         else:
             old.size = _stronger(old.name, old.size, 1.4)
         simulate(case)
-    return case
+    return False
 
 
-_INIMITABLE = ("sensor_", "link_")
+_INIMITABLE = ("sensor_delay", "sensor_scale", "sensor_saturation", "sensor_misalignment", "link_")
 """Faults that act outside of the mechanics: no number of a healthy robot does what they do."""
 
 
@@ -347,18 +363,32 @@ class _Truths:
         n = round(min(self._case.seconds, IMITATED) / PERIOD)
         table = {name: values[:n] for name, values in self.table.items()}
         names = list(self.healthy.columns)
+        count = len(nominal_numbers(self.truth(spread=(0.0, 0.0))))
+        # A sensor's zero may be off as well.
+        zeros = {c: min(ZERO, ZERO_SHARE * float(np.std(self.healthy.columns[c]))) for c in self._joint_columns()}
 
         def seen(numbers: Array) -> Array:
             made = self.truth(spread=(0.0, 0.0))
-            for number, z in zip(nominal_numbers(made), numbers, strict=True):
+            for number, z in zip(nominal_numbers(made), numbers[:count], strict=True):
                 number(z)
             mujoco.mj_setConst(made.model, mujoco.MjData(made.model))
             run = record(made, told(made.model, self._robot.mapping, table), {}, np.random.default_rng(0))
-            return np.stack([run.columns[c] / self.noise[c] for c in names], 1)
+            off = dict.fromkeys(names, 0.0) | {c: z * zeros[c] for c, z in zip(zeros, numbers[count:], strict=True)}
+            return np.stack([(run.columns[c] + off[c]) / self.noise[c] for c in names], 1)
 
         scale = self._units()
         recorded = np.stack([columns[c][:n] * scale[c] / self.noise[c] for c in names], 1)
-        return left_by_imitation(seen, recorded, len(nominal_numbers(self.truth(spread=(0.0, 0.0)))))
+        return left_by_imitation(seen, recorded, count + len(zeros))
+
+    def _joint_columns(self) -> list[str]:
+        """Columns that hold the position of a joint."""
+        model, found = self._healthy_truth.model, []
+        for row in self._robot.mapping["outputs"]:
+            at_joint = "joint" in row and row.get("quantity") == "position"
+            if "sensor" in row:
+                at_joint = model.sensor_type[model.sensor(row["sensor"]).id] == mujoco.mjtSensor.mjSENS_JOINTPOS
+            found += [row["column"]] if at_joint else []
+        return found
 
     def run(self, made: Truth, table: dict[str, Array], again: int = 0) -> Run:
         """Record a truth; ``again`` gives noise of its own."""

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 0.12
 """Every number of a truth is off by 5 to 10 %; what little more of it would imitate nobody could tell from that."""
+ZERO, ZERO_SHARE = 0.006, 0.03
+"""[rad or m] by which a joint sensor's zero may be off, and as a share of its joint's standard deviation."""
 IMITATED = 4.0
 """[s] of a recording that are looked at."""
 _ROUNDS, _STEP = 2, 0.5

@@ -8,6 +8,7 @@ import platform
 import secrets
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,7 @@ def make(
     answers.mkdir(parents=True, exist_ok=True)
     answers.chmod(0o700)
     entries = []
-    for done, case in enumerate(_simulated(cases, workers), 1):
+    for done, case in enumerate(_simulated(cases, workers, robots), 1):
         entries.append(_publish(case, folder, answers, salt or secrets.token_hex(16)))
         if progress:
             progress(done, count)
@@ -78,19 +79,19 @@ def make(
     return manifest
 
 
-def _simulated(cases: Sequence[Case], workers: int) -> Any:
+def _simulated(cases: Sequence[Case], workers: int, robots: Sequence[str]) -> Any:
     if workers <= 1:
         for i, case in enumerate(cases):
-            yield _update(cases, i, realise(case))
+            yield _update(cases, i, realise(case, robots))
         return
     with get_context("spawn").Pool(workers) as pool:
-        for i, case in enumerate(pool.imap(realise, cases)):
+        for i, case in enumerate(pool.imap(partial(realise, robots=robots), cases)):
             yield _update(cases, i, case)
 
 
 def _update(cases: Sequence[Case], i: int, case: Case) -> Case:
     """What a worker found out goes back into the list; the columns stay with the one that is returned."""
-    cases[i].faults, cases[i].healthy_shift = case.faults, case.healthy_shift
+    cases[i].robot, cases[i].faults, cases[i].healthy_shift = case.robot, case.faults, case.healthy_shift
     return case
 
 

@@ -73,8 +73,7 @@ def deviations_of(report: dict[str, Any], robot: str) -> Applied:
     for effect in report["effects"]:
         name, site = str(effect["name"]), str(effect["site"])
         values = {n: float(p["value"]) for n, p in effect["parameters"].items()}
-        if name == "link_latency":
-            name = "servo_delay"
+        name = {"link_latency": "servo_delay", "gravity_lean": "ground_slope"}.get(name, name)
         if name not in DEVIATIONS:
             where = "is a matter of calibration" if name.startswith("sensor") else "has no place in a robot file"
             left_out.append(f"{name}@{site} {where}")
