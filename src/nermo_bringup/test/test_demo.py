@@ -96,6 +96,14 @@ def test_a_straight_walk_is_measured_along_its_line(heading: float) -> None:
     assert walk.lateral_drift_m == pytest.approx(0.0, abs=1e-3)
     assert walk.heading_error_deg == pytest.approx(0.0, abs=1e-6)
     assert not walk.fell
+    assert walk.stood_s == 0.0
+
+
+def test_a_mouse_that_stands_in_the_middle_of_its_walk_is_seen_to() -> None:
+    halted = track(1.0, 11.0, 0.08, 0.3, 0.0, sway=0.01)
+    still = (halted.time > 4.0) & (halted.time < 5.5)
+    halted.position[still] = halted.position[np.argmax(still)]
+    assert judge_walk(halted, Scene("walk", 1.0, 11.0, "trot"), 0.8).stood_s == pytest.approx(1.5, abs=0.1)
 
 
 def test_a_walk_that_bends_to_the_left_drifts_to_the_left() -> None:
@@ -148,7 +156,7 @@ def test_a_lift_passes_if_the_foot_is_free_and_the_mouse_stays_up(load: float, t
 
 
 def good_walks() -> list[Walk]:
-    return [Walk(gait, 0.8, False, 10.0, 0.6, 0.06, 0.01, 2.0, False) for gait in GAITS]
+    return [Walk(gait, 0.8, False, 10.0, 0.6, 0.06, 0.01, 2.0, False, 0.0) for gait in GAITS]
 
 
 def turns(degrees: float = 40.0):

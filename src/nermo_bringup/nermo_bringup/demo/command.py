@@ -199,7 +199,16 @@ def _draw(
 
 def _print(outcome: Outcome, plan: Plan, console: Console) -> None:
     table = Table(title=f"Straight walks at {plan.gait_frequency} Hz, spine off")
-    for name in ("gait", "time [s]", "distance [m]", "speed [m/s]", "lateral drift [m]", "heading error [deg]", "fell"):
+    for name in (
+        "gait",
+        "time [s]",
+        "distance [m]",
+        "speed [m/s]",
+        "lateral drift [m]",
+        "heading error [deg]",
+        "stood [s]",
+        "fell",
+    ):
         table.add_column(name, justify="left" if name == "gait" else "right")
     for walk in outcome.walks:
         table.add_row(
@@ -209,6 +218,7 @@ def _print(outcome: Outcome, plan: Plan, console: Console) -> None:
             f"{walk.speed_m_s:.4f}",
             f"{walk.lateral_drift_m:+.3f}",
             f"{walk.heading_error_deg:+.1f}",
+            f"{walk.stood_s:.1f}",
             "yes" if walk.fell else "no",
         )
     console.print(table)

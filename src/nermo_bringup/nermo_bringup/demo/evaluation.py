@@ -40,6 +40,11 @@ LARGEST_TILT_DEG = 20.0
 LEAST_SITTING_PITCH_DEG = 3.0
 """Sitting lifts the nose by at least so much."""
 
+STANDS_BELOW = 0.005
+"""[m/s] over STANDS_OVER: slower is standing."""
+STANDS_OVER = 0.2
+"""[s]; a step takes longer, so that its two ends do not count."""
+
 _SETTLED_S = 0.3
 """The mouse stands still for at least so long before each scene."""
 
@@ -82,6 +87,8 @@ class Walk:
     lateral_drift_m: float
     heading_error_deg: float
     fell: bool
+    stood_s: float
+    """Longest time in which the mouse did not move, though it was told to walk."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +199,19 @@ def judge_walk(track: Track, scene: Scene, gait_frequency: float, spine: bool = 
         lateral_drift_m=float(((last_cycle.position[:, :2] - origin) @ left).mean()),
         heading_error_deg=math.degrees(float(last_cycle.roll_pitch_yaw[:, 2].mean()) - heading),
         fell=fell(before, during),
+        stood_s=longest_stand(during),
     )
+
+
+def longest_stand(track: Track) -> float:
+    """Longest time [s] without a move, 0 where the mouse moves all the time."""
+    ahead = np.minimum(np.searchsorted(track.time, track.time + STANDS_OVER), len(track.time) - 1)
+    took = np.maximum(track.time[ahead] - track.time, 1e-9)
+    stands = np.linalg.norm(track.position[ahead, :2] - track.position[:, :2], axis=1) < STANDS_BELOW * took
+    stands &= took > 0.5 * STANDS_OVER
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(int), [0]])))
+    runs = [float(track.time[ahead[last - 1]] - track.time[first]) for first, last in edges.reshape(-1, 2)]
+    return max(runs, default=0.0)
 
 
 def judge_turn(track: Track, scene: Scene) -> Turn:
