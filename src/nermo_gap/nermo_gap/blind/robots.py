@@ -212,8 +212,9 @@ def commands(name: str, seed: int, n: int, dt: float) -> dict[str, Array]:
         case "quad":
             return _trot(rng, n, dt)
         case _:
-            swing, bend = (smooth_noise(rng, n, dt, 0.3, 1.5) for _ in range(2))
-            return {"u0": -0.25 + 0.15 * swing, "u1": 0.02 * (0.55 - 0.22 * bend)}
+            # The foot stays below the hip, and slides a little.
+            bend, swing = 0.2 * smooth_noise(rng, n, dt, 0.3, 1.5), 0.01 * smooth_noise(rng, n, dt, 0.3, 1.5)
+            return {"u0": -0.25 + 0.5 * bend + swing, "u1": 0.02 * (0.55 - bend)}
 
 
 def _trot(rng: np.random.Generator, n: int, dt: float) -> dict[str, Array]:

@@ -40,7 +40,7 @@ from nermo_gap.core.structure import predictable_share
 from nermo_gap.core.variant import Variant
 from nermo_gap.core.verdict import Verdict, judge
 from nermo_gap.core.where import Phases, bands, locate
-from nermo_gap.core.windows import HORIZON, HORIZON_HEAVY, LIGHT, affordable, cut
+from nermo_gap.core.windows import HORIZON, HORIZON_HEAVY, LIGHT, affordable, at_limit, cut
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -152,12 +152,13 @@ def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, op
     """A replayer of windows as long as this robot lets them be."""
     most = options.max_windows or affordable(plant.model)
     longest = options.horizon or (HORIZON if plant.model.nv <= LIGHT else HORIZON_HEAVY)
-    made = Replayer(plant, aligned, cut(aligned, longest, most=most), floor, options.threads)
+    avoided = at_limit(aligned, floor)
+    made = Replayer(plant, aligned, cut(aligned, longest, most=most, avoided=avoided), floor, options.threads)
     horizon = usable_horizon(made, nominal)
     if horizon > 0.9 * longest:
         return made
     # As many seconds of motion in shorter windows.
-    windows = cut(aligned, horizon, most=round(most * longest / horizon))
+    windows = cut(aligned, horizon, most=round(most * longest / horizon), avoided=avoided)
     return Replayer(plant, aligned, windows, floor, options.threads)
 
 

@@ -39,6 +39,8 @@ MANY, _MOVED = 24, 0.5
 _WORTH = 3.0
 """[nats] Of more than MANY nuisances, one that moves the data by less than this when it is off by a whole standard
 deviation is left out: neither can it explain a gap, nor can this recording say what it is."""
+_ROUNDS, _SETTLED = 6, 2.0
+"""Of fitting nuisances, at most; and the gain [nats] of a round below which there is no other."""
 _TRIALS = (1.0, 0.4, 0.12)
 _STRETCHES = 6
 """A parameter that grows takes so many values over a recording."""
@@ -223,20 +225,26 @@ class Fitter:
 
     # -- fits ----------------------------------------------------------------------------------------------------
 
-    def fit_nuisances(self, rounds: int = 2) -> Fit:
-        """The nominal model with its nuisances: the reference of everything."""
+    def fit_nuisances(self) -> Fit:
+        """The nominal model with its nuisances: the reference of everything.
+
+        Of models that the recording moves far, sensitivities about the nominal numbers say little; they are taken anew
+        until that gains nothing more.
+        """
         empty, none = Hypothesis(), np.zeros(0)
         z = np.zeros(len(self.nuisances))
         residual = self.replay(empty, [(none, z)])[0]
         self.estimate_independent(residual)
         fit = Fit(empty, none, z, self._cost(residual, z), residual, np.zeros((0, *residual.shape)))
         self.nominal = fit
-        for round_ in range(rounds if len(z) <= MANY else 1):
+        for round_ in range(_ROUNDS if len(z) <= MANY else 1):
             self.refresh(empty, none, fit.z, fit.residual, self.moved(fit) if round_ else None)
             if round_ == 0:
                 self._leave_out()
                 self.nominal_jacobian = self.jacobian.copy()
-            fit = self.fit(empty, none, fit.z, iterations=4, known=fit.residual)
+            before, fit = fit.cost, self.fit(empty, none, fit.z, iterations=4, known=fit.residual)
+            if before - fit.cost < _SETTLED and round_ > 0:
+                break
         self.refresh(empty, none, fit.z, fit.residual, self.moved(fit))
         self.estimate_independent(fit.residual)
         return self.fit(empty, none, fit.z, iterations=2, known=fit.residual)

@@ -13,6 +13,8 @@ from nermo_gap.core.hypothesis import Fit
 Array = NDArray[np.float64]
 
 BOOTSTRAPS = 400
+DIFFERENT, _FEW = 0.5, 2
+"""[nats] by which two hypotheses differ in a block, at least; blocks that are needed for an interval."""
 PER_PARAMETER = 1.0
 """Price of a parameter [nats], beyond what held-out scoring takes by itself."""
 
@@ -79,12 +81,28 @@ class Scores:
         """(mean, 5 %, 95 %) of the score that ``better`` gains over ``worse`` [nats], paired by block."""
         if worse.likelihood is not None and better.likelihood is not None:
             return self.gain(worse.likelihood, better.likelihood)
-        gain = self.costs(worse) - self.costs(better)
-        low, high = np.percentile(gain[1:], [5, 95])
-        return float(gain[0]), float(low), float(high)
+        recorded = self._fitter.recorded * self.draws[0][:, None]
+        weight = 0.5 * self._fitter.independent * recorded
+        change = np.log1p(np.nan_to_num(worse.held)) - np.log1p(np.nan_to_num(better.held))
+        price = PER_PARAMETER * (better.hypothesis.size - worse.hypothesis.size)
+        return self.gain((weight * change).sum(axis=1), np.zeros(len(change)), worse.prior - better.prior - price)
 
-    def gain(self, worse: Array, better: Array) -> tuple[float, float, float]:
-        """(mean, 5 %, 95 %) of the difference of costs (nw,) of windows, over bootstrap samples."""
-        gain = self.draws @ (worse - better)
-        low, high = np.percentile(gain[1:], [5, 95])
-        return float(gain[0]), float(low), float(high)
+    def gain(self, worse: Array, better: Array, beside: float = 0.0) -> tuple[float, float, float]:
+        """(mean, 5 %, 95 %) of the difference of costs (nw,) of windows, and what is gained ``beside`` it.
+
+        Blocks are drawn of those in which the two differ, for a stop or a limit that is seldom met says nothing
+        elsewhere; windows, where that is a single block. A single window shows nothing: it might be any accident.
+        """
+        gains = (worse - better) * self.draws[0]
+        blocks = self._fitter.windows.block
+        units = np.bincount(blocks, gains)
+        if (np.abs(units) > DIFFERENT).sum() < _FEW:
+            units = gains
+        units = units[np.abs(units) > DIFFERENT]
+        total = float(gains.sum()) + beside
+        if len(units) < _FEW:
+            return total, min(total, 0.0), total
+        rng = np.random.default_rng(len(units))
+        sums = units[rng.integers(0, len(units), (BOOTSTRAPS, len(units)))].sum(axis=1)
+        low, high = np.percentile(total + sums - units.sum(), [5, 95])
+        return total, float(low), float(high)

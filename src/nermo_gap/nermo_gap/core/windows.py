@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from nermo_gap.core.align import Aligned
 from nermo_gap.core.errors import GapInputError
 
+Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 HORIZON = 0.6
@@ -24,6 +25,8 @@ _WINDOWS_PER_BLOCK, _LONG_PER_BLOCK = 3, 2
 """At least, of windows up to HORIZON and of longer ones; shorter windows make blocks of _BLOCK."""
 _BLOCK = 1.2
 """[s]"""
+_REST, _NEAR = 0.08, 4.0
+"""[s] for which an output stays within so many noise deviations of its extreme where it rests there."""
 _MAX_SAMPLES = 120
 MAX_WINDOWS = 60
 """More are thinned out by whole blocks: 36 s of scored motion say what a long recording has to say."""
@@ -74,8 +77,34 @@ def affordable(model: mujoco.MjModel) -> int:
     return int(np.clip(MAX_WINDOWS * (LIGHT / max(model.nv, 1)) ** 2, MIN_WINDOWS, MAX_WINDOWS))
 
 
-def cut(aligned: Aligned, horizon: float = HORIZON, warm_up: float = WARM_UP, most: int = MAX_WINDOWS) -> Windows:
+def at_limit(aligned: Aligned, floor: Array) -> NDArray[np.bool_]:
+    """Rows (n,) in which some output rests at the end of its range: a stop, or a sensor that sees no further.
+
+    What a saturated sensor tells is no place to start a replay from. ``floor`` (no,) is the outputs' noise.
+    """
+    found = np.zeros(len(aligned.outputs), bool)
+    long = max(round(_REST / aligned.period), 3)
+    for y, valid, noise in zip(aligned.outputs.T, aligned.valid.T, floor, strict=True):
+        if valid.sum() < 10 * long:
+            continue
+        for end in np.percentile(y[valid], [0.5, 99.5]):
+            rests = valid & (np.abs(y - end) < _NEAR * noise)
+            edges = np.flatnonzero(np.diff(np.concatenate([[0], rests.astype(int), [0]]))).reshape(-1, 2)
+            for first, last in edges[np.diff(edges, axis=1)[:, 0] >= long]:
+                found[first:last] = True
+    return found
+
+
+def cut(
+    aligned: Aligned,
+    horizon: float = HORIZON,
+    warm_up: float = WARM_UP,
+    most: int = MAX_WINDOWS,
+    avoided: NDArray[np.bool_] | None = None,
+) -> Windows:
     """Tile every run with windows and deal its blocks to folds.
+
+    A window that would begin in an ``avoided`` row (n,) begins later, by its own length at most.
 
     Where the recording names runs to be held out, these are the one fold and all others are only fitted. Otherwise
     blocks of neighbouring windows go to FOLDS folds in turn, so that each fold sees the whole recording and no sample
@@ -95,7 +124,12 @@ def cut(aligned: Aligned, horizon: float = HORIZON, warm_up: float = WARM_UP, mo
         held = run.label in aligned.held_out
         position, inside = run.start + lead, 0
         number += 1
+        waited = 0
         while position + length < run.stop:
+            if avoided is not None and waited < length and avoided[position - lead : position + 1].any():
+                position, waited = position + 1, waited + 1
+                continue
+            waited = 0
             if inside == per_block:
                 number, inside = number + 1, 0
                 position += lead
