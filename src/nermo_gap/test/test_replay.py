@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from nermo_gap.core.plant import Plant
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.residual import Residuals, channel_gap
 from nermo_gap.core.variant import Variant
-from nermo_gap.core.windows import cut
+from nermo_gap.core.windows import at_limit, cut
 
 Array = NDArray[np.float64]
 
@@ -143,3 +145,18 @@ def test_a_broken_simulation_is_told_apart() -> None:
     broken.model.dof_damping[:] = -1e4
     outputs = replayer.run([Variant.nominal(replayer.plant), broken])
     assert np.isfinite(outputs[0]).all() and np.isnan(outputs[1]).any()
+
+
+def test_windows_do_not_begin_where_a_sensor_is_saturated() -> None:
+    _, aligned, floor = aligned_of("arm", simulate("arm", 12.0))
+    assert not at_limit(
+        replace(aligned, outputs=1e-3 * np.random.default_rng(0).standard_normal(aligned.outputs.shape)),
+        np.full(2, 1e-3),
+    ).any()
+    clipped = replace(aligned, outputs=np.clip(aligned.outputs, None, np.percentile(aligned.outputs, 60, axis=0)))
+    avoided = at_limit(clipped, floor)
+    assert 0.1 < avoided.mean() < 0.8
+    windows, plain = cut(clipped, avoided=avoided), cut(clipped)
+    begins = [avoided[s - windows.warm_up : s + 1].any() for s in windows.start]
+    assert np.mean(begins) < 0.5 * np.mean([avoided[s - plain.warm_up : s + 1].any() for s in plain.start])
+    assert np.all(np.diff(windows.start) >= windows.length)

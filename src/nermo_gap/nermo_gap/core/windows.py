@@ -27,6 +27,8 @@ _BLOCK = 1.2
 """[s]"""
 _REST, _NEAR = 0.08, 4.0
 """[s] for which an output stays within so many noise deviations of its extreme where it rests there."""
+_RANGE = 40.0
+"""[noise deviations] An output that moves less has no ends."""
 _MAX_SAMPLES = 120
 MAX_WINDOWS = 60
 """More are thinned out by whole blocks: 36 s of scored motion say what a long recording has to say."""
@@ -87,7 +89,10 @@ def at_limit(aligned: Aligned, floor: Array) -> NDArray[np.bool_]:
     for y, valid, noise in zip(aligned.outputs.T, aligned.valid.T, floor, strict=True):
         if valid.sum() < 10 * long:
             continue
-        for end in np.percentile(y[valid], [0.5, 99.5]):
+        ends = np.percentile(y[valid], [0.5, 99.5])
+        if np.ptp(ends) < _RANGE * noise:
+            continue
+        for end in ends:
             rests = valid & (np.abs(y - end) < _NEAR * noise)
             edges = np.flatnonzero(np.diff(np.concatenate([[0], rests.astype(int), [0]]))).reshape(-1, 2)
             for first, last in edges[np.diff(edges, axis=1)[:, 0] >= long]:
