@@ -9,13 +9,18 @@ import pytest
 from numpy.typing import NDArray
 from robots import aligned_of, simulate
 
+from nermo_gap.blind.cases import draw, realise, robot_of
 from nermo_gap.core.chance import Chance
+from nermo_gap.core.diagnose import Options, diagnose
 from nermo_gap.core.effects.base import Context, Effect
 from nermo_gap.core.effects.growing import Growing
 from nermo_gap.core.fit import Fitter
 from nermo_gap.core.hypothesis import Hypothesis
 from nermo_gap.core.lateness import Lateness
 from nermo_gap.core.library import enumerate_effects
+from nermo_gap.core.mapping import parse_map
+from nermo_gap.core.plant import build_plant
+from nermo_gap.core.recording import recording_from_table
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.residual import Residuals
 from nermo_gap.core.scales import measure_scales
@@ -121,6 +126,17 @@ def test_chance_is_told_from_what_no_effect_explains(
     # What is left is as large as noise and chance make it.
     assert selector.scores.typical(reference.fit.held) > 5 and selector.scores.typical(best.fit.held) < 1.3
     assert selection.gains[0][1] > 0
+
+
+def test_a_push_that_comes_and_goes_is_not_taken_for_a_lossy_link() -> None:
+    """A link that loses nine commands of ten would explain it, were three nominal numbers further off than they are."""
+    case = realise(draw(44, 52817364)[17])
+    assert [f.key for f in case.faults] == ["periodic_push@slide"]
+    robot = robot_of(case.robot)
+    plant = build_plant(robot.spec(), parse_map(robot.mapping))
+    options = Options(only=("link_loss", "link_jitter"), baselines=False, threads=1)
+    found = diagnose([recording_from_table(case.columns, plant)], plant, options)
+    assert found.report["verdict"] == "unknown"
 
 
 def test_growth_makes_the_model_change_over_the_recording() -> None:

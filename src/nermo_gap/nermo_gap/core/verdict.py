@@ -108,7 +108,12 @@ def _doubts(selector: Selector, selection: Selection, structure: float) -> list[
             f"{100 * share:.0f} % of what nominal numbers leave: the cause is not in the library"
         )
     strained = [selector.fitter.nuisances[i].name for i in best.fit.strained]
-    if strained and best.fit.likelihood is None:
+    if strained and best.fit.likelihood is not None:
+        doubts.append(
+            f"beside {best.key}, {' and '.join(strained)} would have to be off by more than {BOX:g} prior deviations: "
+            "a cause that comes and goes otherwise than by chance may hide in them"
+        )
+    elif strained:
         more, found = selector.beyond(best.fit), selection.gains[-1][0]
         if more > HIDDEN * found:
             doubts.append(
