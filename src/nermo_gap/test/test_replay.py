@@ -107,7 +107,8 @@ def test_narrow_play_is_no_play() -> None:
         variant = nominal.copy()
         variant.servos.backlash[0] = width
         difference = replayer.run([variant])[0] - replayer.run([nominal])[0]
-        gaps.append(float(np.abs(difference[..., 0]).max()))
+        # Not the largest: a landing a step earlier is no play.
+        gaps.append(float(np.sqrt(np.mean(difference[..., 0] ** 2))))
     assert gaps[0] < 0.1 * gaps[1] < gaps[2]
 
 
