@@ -124,7 +124,7 @@ def test_repeated_and_stale_commands_are_refused(graph: Graph) -> None:
 
 def test_waits_for_a_graph_that_is_slower_than_real_time(graph: Graph) -> None:
     states = graph.hear(ServoStates, "servo_states")
-    graph.start(patience=5.0)
+    graph.start(patience=1.0)
     graph.until(lambda: states, "the simulation runs")
     for tick in range(60):
         answered = len(states)
