@@ -20,6 +20,9 @@ _FOREIGN = (
     "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
 )
 
+DEFAULTS = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+"""Environment variables where they are not set: what a killed node leaves in shared memory can deafen its successor."""
+
 
 @dataclass(frozen=True)
 class World:
@@ -47,14 +50,10 @@ class World:
         return () if self.distro else _FOREIGN
 
     def variables(self, venv: Path) -> dict[str, str]:
-        """Environment variables that this world needs: the wheels are an ament prefix of their own.
-
-        Fast DDS without shared memory, unless asked for: what a killed node leaves there can deafen its successor.
-        """
-        transports = {"FASTDDS_BUILTIN_TRANSPORTS": os.environ.get("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")}
+        """Environment variables that this world needs: the wheels are an ament prefix of their own."""
         if self.distro:
-            return transports
-        return transports | {"AMENT_PREFIX_PATH": str(venv), "CMAKE_PREFIX_PATH": str(venv)}
+            return {}
+        return {"AMENT_PREFIX_PATH": str(venv), "CMAKE_PREFIX_PATH": str(venv)}
 
     def environment(self, venv: Path) -> dict[str, str]:
         """A whole environment for child processes in this world."""
@@ -63,7 +62,7 @@ class World:
             paths = kept.get("PYTHONPATH", "").split(os.pathsep)
             kept["PYTHONPATH"] = os.pathsep.join(path for path in paths if Path(path).parent.name != "src")
         path = os.pathsep.join([str(venv / "bin"), kept.get("PATH", os.defpath)])
-        return {**kept, **self.variables(venv), "PATH": path, "VIRTUAL_ENV": str(venv)}
+        return {**DEFAULTS, **kept, **self.variables(venv), "PATH": path, "VIRTUAL_ENV": str(venv)}
 
 
 def find_world(root: Path) -> World:

@@ -72,6 +72,7 @@ def _write_activation(root: Path, world: ros.World) -> None:
     venv = root / ".venv"
     lines = ["# Written by ./nermo. Source it to work in this environment and workspace by hand."]
     lines += [f"unset {name}" for name in world.variables_to_drop()]
+    lines += [f'export {name}="${{{name}:-{value}}}"' for name, value in ros.DEFAULTS.items()]
     lines += [f"export {name}={shlex.quote(value)}" for name, value in world.variables(venv).items()]
     lines += [
         f"export VIRTUAL_ENV={shlex.quote(str(venv))}",

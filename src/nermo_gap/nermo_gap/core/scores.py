@@ -37,7 +37,7 @@ class Scores:
     """Scores fits on one recording; every bootstrap sample draws blocks of windows."""
 
     def __init__(self, fitter: Fitter, seed: int = 0) -> None:
-        self._fitter = fitter
+        self._fitter, self._seed = fitter, seed
         windows = fitter.windows
         scored = np.flatnonzero(windows.fold >= 0)
         blocks = np.unique(windows.block[scored])
@@ -102,7 +102,7 @@ class Scores:
         total = float(gains.sum()) + beside
         if len(units) < _FEW:
             return total, min(total, 0.0), total
-        rng = np.random.default_rng(len(units))
+        rng = np.random.default_rng(self._seed)
         sums = units[rng.integers(0, len(units), (BOOTSTRAPS, len(units)))].sum(axis=1)
         low, high = np.percentile(total + sums - units.sum(), [5, 95])
         return total, float(low), float(high)
