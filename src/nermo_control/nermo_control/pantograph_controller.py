@@ -149,10 +149,12 @@ class PantographController:
             self._command = control_command
         command, warnings = self._command, list[str]()
         if command is None:
-            return self._output(stamp, tuple(servo_positions), warnings)
+            # What is measured once is held: measured anew in each tick, the goal would sink with the robot.
+            self._target = self._target or tuple(servo_positions)
+            return self._output(stamp, self._target, warnings)
         walks = command.posture is Posture.WALK and command.gait_frequency > 0.0
         if walks != self._walks or command.posture != self._posture:
-            self._from = tuple(self._target or servo_positions)
+            self._from = self._target or tuple(servo_positions)
             self._since, self._walks, self._posture = stamp, walks, command.posture
             self._length = 0.0
             self._shifts = [(0.0, 0.0)] * len(LEGS)

@@ -56,6 +56,14 @@ def test_walks_at_the_gaits_own_frequency_and_stands_when_nobody_speaks() -> Non
     assert silent[-1].servo_positions == silent[-2].servo_positions
 
 
+def test_before_any_command_it_stays_where_it_was_first_though_the_servos_give_way() -> None:
+    robot = Robot()
+    first = robot.run(0.005, None)[0]
+    robot.servos = [position - 0.05 for position in robot.servos]
+    sagged = robot.run(0.005, None)[0]
+    assert sagged.servo_positions == first.servo_positions
+
+
 def test_stop_freezes_every_servo_where_it_is() -> None:
     robot = Robot()
     last = robot.run(0.73, WALK)[-1]

@@ -88,6 +88,17 @@ def test_trots_straight_ahead_and_its_loops_hold(robot):
     assert np.abs(twin.data.efc_pos[: twin.data.nefc][rows]).max() < 1e-3
 
 
+def test_stands_while_nobody_has_spoken_and_trots_from_there(robot):
+    twin = Twin(robot)
+    loop = Loop(twin, PantographController(robot, PantographGait(), twin.period_ns))
+    loop.run(lambda stamp: None, 2.0, record=False)
+    assert np.linalg.norm(twin.base_state().position[:2]) < 0.02
+    trot = ControlCommand(0, forward_velocity=0.4, gait="trot", gait_frequency=2.86)
+    loop.run(constant(trot), 2.0, record=False)
+    assert twin.base_state().position[0] > 0.25
+    assert twin.tilt() < 0.3
+
+
 def test_says_what_it_cannot_do(robot):
     controller = PantographController(robot, PantographGait(), 5_000_000)
     start = list(robot.posture("stand").values())
