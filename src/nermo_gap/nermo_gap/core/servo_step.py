@@ -14,7 +14,7 @@ from nermo_gap.core.variant import Variant
 
 Array = NDArray[np.float64]
 
-_CONTACT_STIFFNESS = 0.4
+_CONTACT_STIFFNESS = 0.7
 """Stiffness of the flanks of a play, as a share of what one time step can carry: inertia / dt^2."""
 
 
@@ -48,7 +48,8 @@ class ServoStep:
             dofs = self._dof[self._play]
             self._coordinate = model.jnt_qposadr[model.actuator_trnid[self._play, 0]]
             self._armature = np.stack([v.model.dof_armature[dofs] for v in variants])
-            total = np.stack([v.model.dof_M0[dofs] for v in variants])
+            # What a flank feels: the joint's inertia with all others free to give way, without the motor's.
+            total = 1.0 / np.stack([v.model.dof_invweight0[dofs] for v in variants])
             self._link = np.maximum(total - self._armature, 0.05 * total)
             self._motor_inertia = np.maximum(self._armature, 0.02 * self._link)
             self._damping = np.stack([v.model.dof_damping[dofs] for v in variants])
@@ -114,10 +115,8 @@ class ServoStep:
             rest = np.divide(-asked, pull, out=q.copy(), where=pull != 0)
             self._angle, self._speed = np.clip(rest, q - half, q + half), rate.copy()
         stiffness = _CONTACT_STIFFNESS * self._link / h**2
-        damping = 0.6 * self._link / h
+        damping = (1.0 - _CONTACT_STIFFNESS) * self._link / h
         gap = self._angle - q
-        side = np.where(np.abs(gap) >= half, np.sign(gap), 0.0)
-        touching = np.abs(side)
         drive = self._gain[:, a] * control[:, a] + self._bias[:, a, 0]
         force = np.clip(
             drive + gear * (self._bias[:, a, 1] * self._angle + self._bias[:, a, 2] * self._speed),
@@ -127,12 +126,17 @@ class ServoStep:
         inertia = self._motor_inertia
         give = (-self._bias[:, a, 1] * h - self._bias[:, a, 2]) * gear**2
         lead = inertia / h * self._speed + gear * force - gear**2 * self._bias[:, a, 2] * self._speed
-        lead = lead + touching * (-stiffness * (gap - h * rate - side * half) + damping * rate)
-        total = inertia / h + give + self._damping + touching * (stiffness * h + damping)
-        speed = lead / total
-        torque = touching * (stiffness * (gap + h * (speed - rate) - side * half) + damping * (speed - rate))
+        total = inertia / h + give + self._damping
+        free = lead / total
+        # The flank that the motor would be behind after this step, so that it is never shot through a narrow play.
+        ahead = gap + h * (free - rate)
+        side = np.where(np.abs(ahead) >= half, np.sign(ahead), 0.0)
+        held = lead - stiffness * (gap - h * rate - side * half) + damping * rate
+        held /= total + self._bias[:, a, 1] * h * gear**2 + stiffness * h + damping
+        torque = stiffness * (gap + h * (held - rate) - side * half) + damping * (held - rate)
         # A flank pushes; it does not pull.
-        torque = np.where(torque * side > 0, torque, 0.0)
+        pushes = torque * side > 0
+        speed, torque = np.where(pushes, held, free), np.where(pushes, torque, 0.0)
         self._angle, self._speed = self._angle + h * speed, speed
         loose = self._width[:, a] > 0
         for j, dof in enumerate(dofs):
