@@ -11,7 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_gap.blind.faults import FAULTS, LEVELS, UNKNOWN, Fault, Scale, fault, soft_of
-from nermo_gap.blind.imitate import IMITATED, ZERO, ZERO_SHARE, left_by_imitation, nominal_numbers
+from nermo_gap.blind.imitate import (
+    IMITATED,
+    IMITATED_WALK,
+    WINDOW,
+    ZERO,
+    ZERO_SHARE,
+    left_by_imitation,
+    nominal_numbers,
+)
 from nermo_gap.blind.robots import MAPS, MODELS, commands, start
 from nermo_gap.blind.sites import Site, sites
 from nermo_gap.blind.truth import PERIOD, Run, Truth, build, record
@@ -356,12 +364,17 @@ class _Truths:
     def beyond_healthy(self, columns: dict[str, Array]) -> float:
         """What of a recording no healthy robot could have made, whose numbers are all within tolerance [deviations].
 
-        Infinite for a robot that walks: nothing so smooth describes what its numbers do to its way.
+        Of a robot that walks, in windows that start where it was.
         """
-        if any(kind == mujoco.mjtJoint.mjJNT_FREE for kind in self._healthy_truth.model.jnt_type):
-            return float("inf")
-        n = round(min(self._case.seconds, IMITATED) / PERIOD)
+        model = self._healthy_truth.model
+        walks = any(kind == mujoco.mjtJoint.mjJNT_FREE for kind in model.jnt_type)
+        n = round(min(self._case.seconds, IMITATED_WALK if walks else IMITATED) / PERIOD)
         table = {name: values[:n] for name, values in self.table.items()}
+        put: dict[int, tuple[Array, Array]] = {}
+        if walks:
+            broken = self.broken()
+            states = self.run(broken, table).states
+            put = {k: broken.rigid(states[k], model) for k in range(0, n, round(WINDOW / PERIOD))}
         names = list(self.healthy.columns)
         count = len(nominal_numbers(self.truth(spread=(0.0, 0.0))))
         # A sensor's zero may be off as well.
@@ -372,7 +385,7 @@ class _Truths:
             for number, z in zip(nominal_numbers(made), numbers[:count], strict=True):
                 number(z)
             mujoco.mj_setConst(made.model, mujoco.MjData(made.model))
-            run = record(made, told(made.model, self._robot.mapping, table), {}, np.random.default_rng(0))
+            run = record(made, told(made.model, self._robot.mapping, table), {}, np.random.default_rng(0), put)
             off = dict.fromkeys(names, 0.0) | {c: z * zeros[c] for c, z in zip(zeros, numbers[count:], strict=True)}
             return np.stack([(run.columns[c] + off[c]) / self.noise[c] for c in names], 1)
 

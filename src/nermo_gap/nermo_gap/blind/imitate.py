@@ -18,8 +18,9 @@ TOLERANCE = 0.12
 """Every number of a truth is off by 5 to 10 %; what little more of it would imitate nobody could tell from that."""
 ZERO, ZERO_SHARE = 0.006, 0.03
 """[rad or m] by which a joint sensor's zero may be off, and as a share of its joint's standard deviation."""
-IMITATED = 4.0
-"""[s] of a recording that are looked at."""
+IMITATED, IMITATED_WALK, WINDOW = 4.0, 2.0, 0.2
+"""[s] of a recording that are looked at; of a walk less, put back to where the robot was at the start of each window,
+because nothing smooth describes what its numbers do to its way."""
 _ROUNDS, _STEP = 2, 0.5
 
 

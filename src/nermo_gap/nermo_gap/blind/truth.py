@@ -95,6 +95,21 @@ class Truth:
         """Address of a joint's degree of freedom; where play was put in, the motor's."""
         return int(self.model.jnt_dofadr[self.model.joint(self.soft.get(joint, joint)).id])
 
+    def rigid(self, state: tuple[Array, Array], healthy: mujoco.MjModel) -> tuple[Array, Array]:
+        """Positions and velocities that a robot without anything between motors and links has in the same place."""
+        (q, v), at, to = state, self.model, healthy
+        position, velocity = np.zeros(to.nq), np.zeros(to.nv)
+        for j in range(to.njnt):
+            name = str(to.joint(j).name)
+            wide = len(to.joint(j).qpos0)
+            for mine in {name, self.soft.get(name, name)}:
+                k = at.joint(mine).id
+                a, b = int(at.jnt_qposadr[k]), int(to.jnt_qposadr[j])
+                position[b : b + wide] += q[a : a + wide]
+                a, b, dofs = int(at.jnt_dofadr[k]), int(to.jnt_dofadr[j]), 6 if wide == 7 else 3 if wide == 4 else 1
+                velocity[b : b + dofs] += v[a : a + dofs]
+        return position, velocity
+
     def addresses(self, joint: str) -> list[int]:
         """Addresses in qpos whose sum is the joint's coordinate."""
         names = [joint, self.soft[joint]] if joint in self.soft else [joint]
@@ -199,7 +214,8 @@ def _split(spec: mujoco.MjSpec, nominal: mujoco.MjModel, name: str, between: Sof
 class Run:
     """What a truth did: what was recorded, and how hard it worked (for the sizes of faults).
 
-    ``torque`` and ``speed`` are (n, nv), ``position`` {joint: (n,)}, ``force`` (n, nu).
+    ``torque`` and ``speed`` are (n, nv), ``position`` {joint: (n,)}, ``force`` (n, nu), ``states`` the positions and
+    velocities at each time.
     """
 
     time: Array
@@ -208,10 +224,19 @@ class Run:
     speed: Array
     position: dict[str, Array]
     force: Array
+    states: list[tuple[Array, Array]]
 
 
-def record(truth: Truth, commands: Array, noise: Mapping[str, float], rng: np.random.Generator) -> Run:
+def record(
+    truth: Truth,
+    commands: Array,
+    noise: Mapping[str, float],
+    rng: np.random.Generator,
+    put: Mapping[int, tuple[Array, Array]] | None = None,
+) -> Run:
     """Run the truth on commands (n, nu), held over PERIOD; ``noise`` {column: standard deviation}.
+
+    ``put`` {tick: positions and velocities} puts it elsewhere on its way.
 
     Raises ValueError where the simulation breaks down.
     """
@@ -230,8 +255,12 @@ def record(truth: Truth, commands: Array, noise: Mapping[str, float], rng: np.ra
     names = [str(model.joint(j).name) for j in scalar]
     position = np.empty((n, len(names)))
     where = [int(model.jnt_qposadr[j]) for j in scalar]
+    states: list[tuple[Array, Array]] = []
     for k in range(n):
+        if put is not None and k in put:
+            data.qpos[:], data.qvel[:] = put[k]
         mujoco.mj_forward(model, data)
+        states.append((data.qpos.copy(), data.qvel.copy()))
         rows[k] = reader.read(data)
         torque[k], speed[k], force[k] = data.qfrc_actuator, data.qvel, data.actuator_force
         position[k] = data.qpos[where]
@@ -250,7 +279,7 @@ def record(truth: Truth, commands: Array, noise: Mapping[str, float], rng: np.ra
             raise ValueError(f"the truth broke down after {k * PERIOD:.2f} s")
     time = np.arange(n, dtype=np.float64) * np.float64(PERIOD)
     columns = _sensed(truth, time, dict(zip(reader.columns, rows.T, strict=True)), noise, rng)
-    return Run(time, columns, torque, speed, dict(zip(names, position.T, strict=True)), force)
+    return Run(time, columns, torque, speed, dict(zip(names, position.T, strict=True)), force, states)
 
 
 def _begin(truth: Truth, data: mujoco.MjData, command: Array) -> None:

@@ -39,6 +39,8 @@ SURVIVORS = 10
 FINALISTS = 5
 FIT_WINDOWS = 30
 """Windows in which candidates are fitted; they are scored, and the leaders refitted, in all."""
+LARGER = (1.25, 1.6, 2.2)
+"""How many times as large an effect is tried before it is fitted, as the screening found it."""
 PARTNERS = 6
 HOPELESS, FAR = 20.0, 0.3
 """Behind the best by more than so many nats, and by this share of what the best gains, a candidate is not refitted:
@@ -187,9 +189,9 @@ class Selector:
         select = informative_windows(self.fitter, self.fitter.nominal if base is None else base, FIT_WINDOWS)
         for i, (hypothesis, start) in enumerate(jobs):
             self._say(label, i / len(jobs))
-            own = self._nearest(hypothesis, start, select) if base is None else start.x
+            own, z = self._nearest(hypothesis, start, select) if base is None else (start.x, start.z)
             x = own if base is None else np.concatenate([base.x, own])
-            fits.append(self.fitter.fit(hypothesis, x, start.z, select=select))
+            fits.append(self.fitter.fit(hypothesis, x, z, select=select))
         fits.sort(key=lambda f: f.cost)
         without = self.fitter.nominal if base is None else base
         margin = max(HOPELESS, FAR * (without.cost - fits[0].cost)) if fits else HOPELESS
@@ -203,21 +205,24 @@ class Selector:
                 )
         return sorted((self.scores.scored(f) for f in fits), key=_score)
 
-    def _nearest(self, hypothesis: Hypothesis, start: Screened, select: Ints) -> Array:
-        """The best of the start and of values between the tries on its side, by true replays.
+    def _nearest(self, hypothesis: Hypothesis, start: Screened, select: Ints) -> tuple[Array, Array]:
+        """The best of the start, of values between the tries on its side and of larger ones, by true replays.
 
-        A limit or a stop acts from some value on: from the far side of it, or from far, no slope leads there.
+        A limit or a stop acts from some value on: from the far side of it, or from far, no slope leads there. Each is
+        also tried with untouched nuisances, which may have been bent to make up for a value that is far from right.
         """
         (effect,) = hypothesis.effects
         if len(effect.parameters) != 1:
-            return start.x
+            return start.x, start.z
         parameter = effect.parameters[0]
-        side = np.sign(start.x[0] - parameter.neutral)
-        tries = sorted(t for t in parameter.tries if (t - parameter.neutral) * side > 0)
-        between = [a + k * (b - a) for a, b in pairwise(tries) for k in (1 / 3, 2 / 3)]
-        points = [start.x, *(np.array([v]) for v in between)]
-        residuals = self.fitter.replay(hypothesis, [(x, start.z) for x in points], select)
+        away = start.x[0] - parameter.neutral
+        tries = sorted(t for t in parameter.tries if (t - parameter.neutral) * np.sign(away) > 0)
+        values = [start.x[0], *(a + k * (b - a) for a, b in pairwise(tries) for k in (1 / 3, 2 / 3))]
+        values += [v for v in parameter.neutral + away * np.array(LARGER) if parameter.low < v < parameter.high]
+        points = [(np.array([v]), z) for z in (start.z, np.zeros_like(start.z)) for v in values]
+        residuals = self.fitter.replay(hypothesis, points, select)
         costs = self.fitter.data_cost(self.fitter.mean_square(residuals, select), select)
+        costs = costs + 0.5 * np.array([z @ z for _, z in points])
         return points[int(np.argmin(costs))]
 
     def _finals(
