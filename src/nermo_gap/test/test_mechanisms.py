@@ -10,6 +10,7 @@ from nermo_gap.blind import cases
 from nermo_gap.blind.cases import Case, Injected, robot_of, simulate
 from nermo_gap.blind.faults import FAULTS, LEVELS
 from nermo_gap.blind.imitate import left_by_imitation
+from nermo_gap.blind.truth import record
 from nermo_gap.core.align import align
 from nermo_gap.core.effects.base import Context, Effect
 from nermo_gap.core.fit import Fitter
@@ -146,6 +147,22 @@ def test_what_nominal_numbers_imitate_is_not_seen() -> None:
     assert left_by_imitation(seen, seen(np.array([0.9, -0.8])) + noise, 2) < 1.1
     assert left_by_imitation(seen, seen(np.array([0.0, 3.0])) + noise, 2) > 2.5
     assert left_by_imitation(seen, seen(np.zeros(2)) + 5.0 * np.sign(np.sin(40 * time))[:, None] + noise, 2) > 4.0
+
+
+def test_a_walking_robot_put_back_to_where_it_was_sees_the_same() -> None:
+    """With a play, whose robot has a joint more, up to what the play lets it turn."""
+    fault = next(f for f in FAULTS if f.name == "servo_backlash")
+    site = cases._all_sites("quad")[fault.kind][0]
+    play = Injected("servo_backlash", fault.kind, site.name, site.members, "weak", 0.05, True, site.places)
+    for faults, close in (([], 1e-9), ([play], 0.05)):
+        truths = cases._Truths(Case("000", "quad", "single", (3, 6), 1.0, faults), robot_of("quad"))
+        made, healthy = truths.broken(), truths.truth()
+        commands = cases.told(made.model, robot_of("quad").mapping, truths.table)
+        way = record(made, commands, {}, np.random.default_rng(0))
+        put = {k: made.rigid(way.states[k], healthy.model) for k in range(20, 200, 20)}
+        back = record(healthy, commands, {}, np.random.default_rng(0), put)
+        for name, values in way.columns.items():
+            np.testing.assert_allclose(back.columns[name][20:200:20], values[20:200:20], atol=close, err_msg=name)
 
 
 def test_a_fault_that_nominal_numbers_imitate_grows_until_it_is_seen() -> None:
