@@ -98,9 +98,12 @@ def test_a_late_command_explains_a_late_robot() -> None:
     assert (after < 1.3).all() and (before > 20.0).all()
 
 
-@pytest.mark.parametrize("robot", ["arm", "finger", "leg", "pendulum"])
-def test_narrow_play_is_no_play(robot: str) -> None:
-    """A play that shrinks to nothing leaves the nominal model, but for the stiffness of its flanks."""
+@pytest.mark.parametrize(("robot", "share"), [("leg", 0.1), ("finger", 0.15), ("arm", 0.4), ("pendulum", 0.5)])
+def test_narrow_play_is_no_play(robot: str, share: float) -> None:
+    """A play that shrinks to nothing leaves the nominal model, but for half a time step that its motor lags behind.
+
+    That lag is small beside a play of 0.02 rad on the leg; the others move fast.
+    """
     _, _aligned, replayer = _replayer(robot)
     nominal = Variant.nominal(replayer.plant)
     gaps = []
@@ -108,7 +111,7 @@ def test_narrow_play_is_no_play(robot: str) -> None:
         variant = nominal.copy()
         variant.servos.backlash[0] = width
         gaps.append(np.abs(replayer.run([variant])[0] - replayer.run([nominal])[0])[..., 0].max())
-    assert gaps[0] < 0.5 * gaps[1] < gaps[2]
+    assert gaps[0] < share * gaps[1] < gaps[2]
 
 
 def test_stribeck_friction_lies_between_its_limits() -> None:
