@@ -2,7 +2,8 @@
 
 Of such a link the competition replays the command that acts on average. What the single commands did stays in the
 residual, many noise floors of it, and it has a law: where it is large, how long it lasts, and that all commands are
-late together. Here that law is taken for what it predicts, as a likelihood.
+late together. Here that law is taken for what it predicts, as a likelihood; and once it is known, as noise, beside
+which another effect shows that was hidden under it.
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from nermo_gap.core.effects.base import Effect
 from nermo_gap.core.effects.link import Late
 from nermo_gap.core.hypothesis import Fit, Hypothesis
+from nermo_gap.core.nuisance import BOX
 from nermo_gap.core.scatter import Likelihood, Scatter, autoregression_costs
-from nermo_gap.core.select import ENOUGH, EVIDENCE, Selection, Selector
-from nermo_gap.core.structure import predictable_share
+from nermo_gap.core.select import ENOUGH, EVIDENCE, Selection, Selector, by_chance, indistinct
+from nermo_gap.core.structure import REPEATS, predictable_share, repeating_share
 
 Array = NDArray[np.float64]
 
@@ -45,62 +48,122 @@ class _Point:
     cost: float
 
 
+@dataclass
+class _Found:
+    """A link of chance, beside other effects or alone.
+
+    Attributes:
+        gain: (mean, 5 %, 95 %) [nats] over no cause in particular.
+        left: (nw, ns, nl) what the mean leaves.
+    """
+
+    effect: Late
+    fit: Fit
+    gain: tuple[float, float, float]
+    left: Array
+    scatter: Scatter
+
+
 class Chance:
     """Fits links of random lateness with the scatter that they predict, and lets them win where that is right.
 
     They must be likelier, sample by sample, than an autoregression of any spectrum fitted to what the best hypothesis
     so far leaves: a cause that is none of chance leaves something smoother, or at other times, and loses. And chance
-    has no pattern: what the mean leaves must not be predictable from commands and motion.
+    has no pattern: what the mean leaves must not be predictable from commands and motion, nor come at regular times.
     """
 
     def __init__(self, selector: Selector) -> None:
         self._selector, self._fitter = selector, selector.fitter
-        self._everything = np.ones(len(self._fitter.windows), bool)
         self._samples = np.maximum(self._fitter.count.sum(axis=1), 1.0)
-        self._other = np.zeros(len(self._fitter.windows))
+        self._other, self._without = np.zeros(len(self._fitter.windows)), 0.0
 
     def reconsider(self, selection: Selection) -> None:
-        """Put a random effect in the place of the winner where it is better; edits ``selection``."""
+        """Put a random effect in the place of the winner, or beside others, where it is better; edits ``selection``."""
         selector, fitter, best = self._selector, self._fitter, selection.best
         effects = [e for e in selector.effects if isinstance(e, Late)]
-        mean_only = any(isinstance(e, Late) for e in best.fit.hypothesis.effects)
-        if not effects or (selector.scores.typical(best.fit.held) < ENOUGH and not mean_only):
+        close = best.score + indistinct(selection.reference.score - best.score)
+        tied = any(by_chance(s.fit) for s in selection.rivals if s.score < close)
+        if not effects or (selector.scores.typical(best.fit.held) < ENOUGH and not tied):
             return
         self._other = autoregression_costs(best.fit.residual.astype(float), self._samples)
-        kept = fitter.jacobian
+        size = np.maximum((best.fit.residual**2).sum(axis=(1, 2)) / self._samples, 1.0)
+        self._without = float((0.5 * self._samples * (np.log(size) + 1.0)).sum()) + best.fit.prior
         means = {s.key: s.fit.z for s in reversed([*selection.rivals, *selection.singles])}
-        fits = []
-        for effect in effects:
-            fitter.jacobian = kept.copy()
-            fit, left = self._fit(effect, means.get(effect.key, np.zeros(len(fitter.nuisances))))
-            assert fit.likelihood is not None
-            fits.append((selector.scores.gain(self._other, fit.likelihood), fit, left))
-        fitter.jacobian = kept
-        fits.sort(key=lambda f: -f[0][0])
-        (gain, low, high), fit, left = fits[0]
-        likely = gain > EVIDENCE + np.log(len(selector.effects)) and low > 0.0
-        if likely and predictable_share(fitter.residuals, left) < PATTERN:
-            selection.best = selector.scores.scored(fit)
-            selection.rivals = [selector.scores.scored(f) for _, f, _ in fits]
-            selection.rivals[0] = selection.best
-            selection.gains = [(gain, low, high)]
+        rest = np.zeros(len(fitter.nuisances))
+        alone = [self._fit(e, None, means.get(e.key, rest)) for e in effects]
+        beside = [self._fit(e, best.fit, best.fit.z) for e in effects if _mine(best.fit).any()]
+        links = sorted(alone + beside, key=self._price)
+        lead = next((k for k in links if self._right(k)), None)
+        if lead is None or selector.scores.typical(lead.fit.held) > ENOUGH:
+            more = self._one_more(min(alone, key=self._price), selection)
+            first = next((k for k in more if self._right(k)), None)
+            if first and (lead is None or self._earns(lead, first)):
+                lead, links = first, more
+        if lead is None:
+            return
+        rivals = [k for k in links if len(k.fit.hypothesis.effects) == len(lead.fit.hypothesis.effects)]
+        selection.best = selector.scores.scored(lead.fit)
+        selection.rivals = [selection.best, *(selector.scores.scored(k.fit) for k in rivals if k is not lead)]
+        selection.gains = [lead.gain] * len(lead.fit.hypothesis.effects)
 
-    def _fit(self, effect: Late, z: Array) -> tuple[Fit, Array]:
-        """Fit the parameter and, from ``z``, all nuisances, in rounds; and what the mean leaves, (nw, ns, nl)."""
-        fitter, hypothesis = self._fitter, Hypothesis((effect,))
-        parameter = effect.parameters[0]
+    def _price(self, found: _Found) -> float:
+        """Cost [nats] of a link, with that of having looked for what is beside it."""
+        beside = len(found.fit.hypothesis.effects) - 1
+        return beside * (EVIDENCE + np.log(len(self._selector.effects))) - found.gain[0]
+
+    def _right(self, found: _Found) -> bool:
+        gain, low, _ = found.gain
+        likely = gain > EVIDENCE + np.log(len(self._selector.effects)) and low > 0.0
+        if not likely or predictable_share(self._fitter.residuals, found.left) > PATTERN:
+            return False
+        return repeating_share(self._fitter.residuals, found.left)[0] < REPEATS
+
+    def _earns(self, without: _Found, with_: _Found) -> bool:
+        """Whether what is beside a link is worth having."""
+        assert without.fit.likelihood is not None and with_.fit.likelihood is not None
+        gain, low, _ = self._selector.scores.gain(without.fit.likelihood, with_.fit.likelihood)
+        return bool(gain > EVIDENCE + np.log(len(self._selector.effects)) and low > 0.0)
+
+    def _one_more(self, alone: _Found, selection: Selection) -> list[_Found]:
+        """The links beside the effect that shows best once chance, as the first of them has it, is taken as noise."""
+        selector, fitter, residuals = self._selector, self._fitter, self._fitter.residuals
+        kept, fit = fitter.jacobian, alone.fit
+        residuals.chance = alone.scatter.directions(alone.effect.law(float(fit.x[-1])))
+        try:
+            fitter.refresh(fit.hypothesis, fit.x, fit.z, fitter.replay(fit.hypothesis, [(fit.x, fit.z)])[0])
+            base = selector.scores.scored(fitter.cross_validate(fitter.fit(fit.hypothesis, fit.x, fit.z)))
+            result = Selection(base, selection.nominal_gap, base)
+            if not selector.add(result, []):
+                return []
+        finally:
+            residuals.chance, fitter.jacobian = None, kept
+        pair = result.best.fit
+        if not _mine(pair).any():
+            return []
+        links = [self._fit(e, pair, pair.z) for e in selector.effects if isinstance(e, Late)]
+        return sorted(links, key=self._price)
+
+    def _fit(self, effect: Late, beside: Fit | None, z: Array) -> _Found:
+        """Fit the parameter and, from ``z``, all nuisances, in rounds; effects of ``beside`` stay as they are there."""
+        fitter, x = self._fitter, np.zeros(0)
+        others: tuple[Effect, ...] = ()
+        if beside is not None:
+            others, x = tuple(e for e in beside.hypothesis.effects if not isinstance(e, Late)), beside.x[_mine(beside)]
+        hypothesis = Hypothesis((*others, effect))
+        parameter, kept = effect.parameters[0], fitter.jacobian
+        fitter.jacobian = kept.copy()
         first = np.array([0.5 * parameter.tries[0], *parameter.tries])
         grid = np.sort(np.concatenate([first, 0.5 * (first[1:] + first[:-1])]))[1:]
         about = float(parameter.tries[1])
         for _ in range(_PASSES):
             law, lag = effect.law(about), effect.lag(fitter.residuals.replayer.aligned.period)
-            model = fitter.variant(hypothesis, np.array([about]), z)
+            model = fitter.variant(hypothesis, np.append(x, about), z)
             scatter = Scatter(fitter, model, np.array(effect.site.targets), lag, law)
             last = np.inf
             for round_ in range(_ROUNDS):
-                x = np.array([about])
-                fitter.refresh(hypothesis, x, z, fitter.replay(hypothesis, [(x, z)])[0])
-                points = self._points(effect, scatter, grid, z)
+                at = np.append(x, about)
+                fitter.refresh(hypothesis, at, z, fitter.replay(hypothesis, [(at, z)])[0])
+                points = self._points(hypothesis, effect, scatter, x, grid, z)
                 best = min(range(len(points)), key=lambda i: points[i].cost)
                 gain, last = last - points[best].cost, points[best].cost
                 behind = (last - float(self._other.sum())) / float(self._samples.sum())
@@ -113,34 +176,49 @@ class Chance:
                 grid = np.linspace(low, high, _GRID)
             if behind > _FAR:
                 break
-        return self._scored(hypothesis, effect, scatter, points, z)
+        fit, left = self._scored(hypothesis, effect, scatter, x, points, z)
+        fitter.jacobian = kept
+        if beside is not None:
+            mine, n = _mine(beside), len(x)
+            fit.covariance[:n, :n] = beside.covariance[np.ix_(mine, mine)]
+            fit.fold_x[:, :n] = beside.fold_x[:, mine]
+        assert fit.likelihood is not None
+        return _Found(effect, fit, self._selector.scores.gain(self._other, fit.likelihood), left, scatter)
 
-    def _points(self, effect: Late, scatter: Scatter, grid: Array, z: Array) -> list[_Point]:
+    def _points(
+        self, hypothesis: Hypothesis, effect: Late, scatter: Scatter, x: Array, grid: Array, z: Array
+    ) -> list[_Point]:
         """Fits of the nuisances at values of the parameter."""
-        residuals = self._fitter.replay(Hypothesis((effect,)), [(np.array([v]), z) for v in grid])
-        points = []
+        residuals = self._fitter.replay(hypothesis, [(np.append(x, v), z) for v in grid])
+        everything, points = np.ones(len(self._samples), bool), []
         for v, residual in zip(grid, residuals, strict=True):
             likelihood = scatter.likelihood(effect.law(float(v)), residual)
-            step = likelihood.fitted(z, self._everything)
-            cost = float(likelihood.costs(step).sum()) + 0.5 * float((z + step) @ (z + step))
-            points.append(_Point(float(v), residual, likelihood, step, cost))
+            point = _Point(float(v), residual, likelihood, likelihood.fitted(z, everything), 0.0)
+            point.cost = float(likelihood.costs(point.step).sum())
+            point.cost += 0.5 * float((z + point.step) @ (z + point.step))
+            points.append(point)
         return points
 
+    def _costs(self, effect: Late, scatter: Scatter, point: _Point, step: Array) -> tuple[Array, Array]:
+        """Residuals in units of noise and chance, nuisances moved by ``step``, and the cost (nw,) [nats] of windows.
+
+        What is left beside chance may be of any spectrum, as it may for whom it competes with.
+        """
+        left = point.residual + np.tensordot(step, self._fitter.jacobian, 1)
+        white = scatter.whiten(effect.law(point.x), left)
+        return white, autoregression_costs(white, self._samples) + point.likelihood.volume
+
     def _scored(
-        self, hypothesis: Hypothesis, effect: Late, scatter: Scatter, points: list[_Point], z: Array
+        self, hypothesis: Hypothesis, effect: Late, scatter: Scatter, x: Array, points: list[_Point], z: Array
     ) -> tuple[Fit, Array]:
         """The fit with costs held out, fold by fold; and what the mean leaves. Costs are a parabola about the best."""
-        fitter, fold = self._fitter, self._fitter.windows.fold
+        fitter, fold, n = self._fitter, self._fitter.windows.fold, len(x)
         best = min(points, key=lambda p: p.cost)
-        moved = z + best.step
         curve = np.polyfit([p.x - best.x for p in points], [p.cost for p in points], 2)[0]
-        variance = 0.5 / max(curve, 1e-12)
-        left = best.residual + np.tensordot(best.step, fitter.jacobian, 1)
-        residual = scatter.whiten(effect.law(best.x), left)
-        fit = Fit(hypothesis, np.array([best.x]), moved, best.cost, residual, np.zeros((1, *residual.shape)))
-        fit.likelihood = best.likelihood.costs(best.step)
-        fit.held = fitter.mean_square(residual)
-        fold_x, fold_z = [], []
+        residual, likelihood = self._costs(effect, scatter, best, best.step)
+        value = np.append(x, best.x)
+        fit = Fit(hypothesis, value, z + best.step, best.cost, residual, np.zeros((n + 1, *residual.shape)))
+        fit.held, fold_x, fold_z = fitter.mean_square(residual), [], []
         for f in range(fitter.windows.folds):
             train, test = fold != f, fold == f
             steps = [p.likelihood.fitted(z, train) for p in points]
@@ -149,12 +227,21 @@ class Chance:
                 for p, s in zip(points, steps, strict=True)
             ]
             i = int(np.argmin(costs))
-            point, step = points[i], steps[i]
-            own = scatter.whiten(effect.law(point.x), point.residual + np.tensordot(step, fitter.jacobian, 1))
-            fit.held[test] = fitter.mean_square(own)[test]
-            fit.likelihood[test] = point.likelihood.costs(step)[test]
-            fold_x.append([point.x])
-            fold_z.append(z + step)
+            white, cost = self._costs(effect, scatter, points[i], steps[i])
+            fit.held[test], likelihood[test] = fitter.mean_square(white)[test], cost[test]
+            fold_x.append(np.append(x, points[i].x))
+            fold_z.append(z + steps[i])
         fit.held[fold < 0] = np.nan
-        fit.fold_x, fit.fold_z, fit.covariance = np.array(fold_x), np.array(fold_z), np.array([[variance]])
-        return fit, left
+        further = best.likelihood.fitted(z, np.ones(len(fold), bool), 2.0 * BOX)
+        wider = float(best.likelihood.costs(further).sum()) + 0.5 * float((z + further) @ (z + further))
+        fit.hidden = (best.cost - wider) / max(self._without - best.cost, 1e-9)
+        fit.likelihood = likelihood
+        fit.fold_x, fit.fold_z, fit.covariance = np.array(fold_x), np.array(fold_z), np.zeros((n + 1, n + 1))
+        fit.covariance[n, n] = 0.5 / max(curve, 1e-12)
+        return fit, best.residual + np.tensordot(best.step, fitter.jacobian, 1)
+
+
+def _mine(fit: Fit) -> Array:
+    """Which of a fit's parameters are those of effects that are no links of chance."""
+    late = [isinstance(e, Late) for e in fit.hypothesis.effects for _ in e.parameters]
+    return ~np.array(late, bool)

@@ -36,7 +36,7 @@ from nermo_gap.core.residual import Residuals
 from nermo_gap.core.scales import measure_scales
 from nermo_gap.core.select import Effort, Selection, Selector
 from nermo_gap.core.state import measured_state
-from nermo_gap.core.structure import predictable_share
+from nermo_gap.core.structure import REPEATS, predictable_share, repeating_share
 from nermo_gap.core.variant import Variant
 from nermo_gap.core.verdict import Verdict, judge
 from nermo_gap.core.where import Phases, bands, locate
@@ -137,6 +137,13 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
         Chance(selector).reconsider(selection)
     structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
     verdict = judge(selector, selection, structure)
+    if verdict.kind == "unknown":
+        share, frequency = repeating_share(residuals, selection.best.fit.residual)
+        if share > REPEATS:
+            verdict.reasons.append(
+                f"{100 * share:.0f} % of what is left comes back about {frequency:.2g} times a second, whatever the "
+                "robot does: look for a fan, a gear, a belt or a neighbour"
+            )
     proposal = propose(
         fitter, verdict.open, options.menu, options.seed, lambda share: options.say("next experiment", share)
     )

@@ -60,6 +60,8 @@ class Fit:
         fold_x, fold_z: (nf, ne) and (nf, nz) values of each fold's fit.
         covariance: of x.
         likelihood: (nw,) held-out cost [nats] of every window, of an effect that predicts its own scatter.
+        hidden: of such an effect, what the data would gain if nominal numbers might be off twice as far, as a share of
+            what the effect gains.
     """
 
     hypothesis: Hypothesis
@@ -73,6 +75,7 @@ class Fit:
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     fold_z: Array = field(default_factory=lambda: np.zeros((0, 0)))
     likelihood: Array | None = None
+    hidden: float = 0.0
 
     @property
     def prior(self) -> float:

@@ -60,6 +60,8 @@ class Residuals:
     trusted: tuple[str, ...] = ()
     input_error: float = 0.0
     """Size of the wander of measured inputs, in their root mean square."""
+    chance: tuple[Array, Array] | None = None
+    """Directions (nw, m, k) in which chance moves whitened windows, and how far (nw, k): more noise, where given."""
     _open: Array | None = None
     """Factor (nw, ns, nl) by which landings raise the noise floor."""
 
@@ -121,7 +123,10 @@ class Residuals:
 
     def of(self, variants: list[Variant], select: Ints | None = None, which: Ints | None = None) -> Array:
         """Residuals (nv, nw, ns, nl) of variants; ``which`` as in Replayer.run."""
-        return self.whiten(self.raw(self.replayer.run(variants, select, which), select), select)
+        whitened = self.whiten(self.raw(self.replayer.run(variants, select, which), select), select)
+        if self.chance is None:
+            return whitened
+        return weighed(whitened, *(part if select is None else part[select] for part in self.chance))
 
     def update_start(self, *references: Variant) -> None:
         """Recompute how an error of the start shows: the mean covariance about several models, the likeliest last.
@@ -215,6 +220,11 @@ class Residuals:
             if output.sensor_type == mujoco.mjtSensor.mjSENS_FRAMEQUAT and output.euler < 0:
                 groups.setdefault(output.sensor, []).append(i)
         return [g for g in groups.values() if len(g) == 4]
+
+
+def weighed(whitened: Array, basis: Array, size: Array) -> Array:
+    """Residuals (..., nw, ns, nl) in units of noise and of what moves them by ``size`` (nw, k) along ``basis``."""
+    return _scaled(whitened, basis, 1.0 / np.sqrt(1.0 + size**2) - 1.0)
 
 
 def _scaled(values: Array, basis: Array, more: Array) -> Array:

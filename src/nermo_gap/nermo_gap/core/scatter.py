@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular, toeplitz
+from scipy.optimize import lsq_linear
 
 from nermo_gap.core.fit import Fitter
 from nermo_gap.core.lateness import Lateness
 from nermo_gap.core.nuisance import BOX
+from nermo_gap.core.residual import weighed
 from nermo_gap.core.variant import Variant
 
 Array = NDArray[np.float64]
@@ -45,14 +47,18 @@ class Likelihood:
         cost: Array = 0.5 * self.samples * (np.log(size) + found / size) + self.volume
         return cost
 
-    def fitted(self, z: Array, train: NDArray[np.bool_]) -> Array:
-        """Step (nn,) of the nuisances from ``z``, within their box, that the windows of ``train`` like best."""
+    def fitted(self, z: Array, train: NDArray[np.bool_], box: float = BOX) -> Array:
+        """Step (nn,) of the nuisances from ``z``, within their ``box``, that the windows of ``train`` like best."""
         step: Array = np.zeros(len(z))
+        if not len(z):
+            return step
         for _ in range(_ROUNDS):
             weight = train / np.maximum(self._size(step), 1.0)
             normal = np.tensordot(weight, self.square, 1)
-            target = z - np.linalg.solve(normal[1:, 1:] + np.eye(len(z)), normal[1:, 0] + z)
-            step = np.clip(target, -BOX, BOX) - z
+            factor = np.linalg.cholesky(normal[1:, 1:] + np.eye(len(z))).T
+            target = -np.linalg.solve(factor.T, normal[1:, 0] + z)
+            # Not clipped: where several nuisances make up for each other, a clipped step is worse than none.
+            step = lsq_linear(factor, target, (-box - z - 1e-9, box - z + 1e-9), method="bvls").x
         return step
 
     def _size(self, step: Array) -> Array:
@@ -106,11 +112,12 @@ class Scatter:
 
     def whiten(self, law: Lateness, residual: Array) -> Array:
         """Residuals (nw, ns, nl) in units of noise floor and chance together."""
+        return weighed(residual, *self.directions(law))
+
+    def directions(self, law: Lateness) -> tuple[Array, Array]:
+        """What chance does to a window: directions (nw, m, k), and how far it moves along each (nw, k) [floors]."""
         basis, size, _ = np.linalg.svd(self._response @ self._root(law), full_matrices=False)
-        flat = residual.reshape(len(residual), -1, 1)
-        shrink = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
-        flat = flat - basis @ (shrink[:, :, None] * (np.swapaxes(basis, 1, 2) @ flat))
-        return flat.reshape(residual.shape)
+        return basis, size
 
     def _moved(self, law: Lateness) -> Array:
         """(n, channels) By how much the acting commands scatter, with the sign of those that are late."""

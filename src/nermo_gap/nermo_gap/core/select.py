@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from nermo_gap.core.effects.base import Effect
 from nermo_gap.core.effects.growing import MIN_DURATION, Growing
+from nermo_gap.core.effects.link import Late
 from nermo_gap.core.fit import Fitter
 from nermo_gap.core.hypothesis import Fit, Hypothesis
 from nermo_gap.core.nuisance import BOX
@@ -111,9 +112,28 @@ def _kinds(fit: Fit) -> list[str]:
     return sorted(e.name for e in fit.hypothesis.effects)
 
 
+def by_chance(fit: Fit) -> bool:
+    """Whether an effect of a fit is a matter of chance."""
+    return any(isinstance(e, Late) for e in fit.hypothesis.effects)
+
+
+def special_case(simple: Fit, rich: Fit) -> bool:
+    """Whether two fits differ in one effect, at one site, whose law the rich one generalises."""
+    one = {(e.name, e.site.name) for e in simple.hypothesis.effects}
+    two = {(e.name, e.site.name) for e in rich.hypothesis.effects}
+    lost, gained = one - two, two - one
+    return len(lost) == len(gained) == 1 and any(
+        (a[0], b[0]) in _CONTAINS and a[1] == b[1] for a in lost for b in gained
+    )
+
+
 def _parts(fit: Fit) -> int:
     """How many parts of the robot the effects of a fit change."""
     return sum(len(e.site.targets) for e in fit.hypothesis.effects)
+
+
+_CONTAINS = {("coulomb_friction", "stribeck_friction")}
+"""(special case, law)."""
 
 
 class Selector:
@@ -131,10 +151,16 @@ class Selector:
         self.fitter, self.effects, self._progress = fitter, list(effects), progress
         self.scores = Scores(fitter, seed)
 
-    def beyond(self, fit: Fit) -> float:
-        """What the data would gain [nats] if the nominal numbers might be off twice as far; their priors stay."""
+    def hidden(self, selection: Selection) -> float:
+        """What the data would gain if nominal numbers might be off twice as far, as a share of what the effect gains.
+
+        Their priors stay.
+        """
+        fit = selection.best.fit
+        if fit.likelihood is not None:
+            return fit.hidden
         wider = self.fitter.fit(fit.hypothesis, fit.x, fit.z, 4, fit.residual, box=2.0 * BOX)
-        return fit.cost - wider.cost
+        return (fit.cost - wider.cost) / max(selection.gains[-1][0], 1e-9)
 
     def run(self) -> Selection:
         """The whole competition."""
@@ -159,7 +185,7 @@ class Selector:
         result.gains.append(self.scores.difference(reference.fit, winner.fit))
         while len(result.best.fit.hypothesis.effects) < self._effort.max_effects:
             enough = self.scores.typical(result.best.fit.held) < ENOUGH and not result.best.fit.strained
-            if enough or not self._add(result, screened):
+            if enough or not self.add(result, screened):
                 break
         self._drop(result)
         self._settle(result)
@@ -286,7 +312,8 @@ class Selector:
         """One-standard-error rule: of those within one standard error of the best, the one with fewest parameters.
 
         And of the same effects at fewer parts, any that cannot be told from it: values for joints that have nothing
-        take up what nominal numbers are off, and so seem to earn a little.
+        take up what nominal numbers are off, and so seem to earn a little. Likewise the special case of a law before
+        the law, and before a link of chance what is late without it: chance has to show (`Chance`).
         """
         if not scored:
             return None
@@ -307,6 +334,11 @@ class Selector:
             fewer = _parts(rival.fit) - _parts(chosen.fit)
             milder = _extremities(rival.fit).max(initial=0.0) < 0.7 * _extremities(chosen.fit).max(initial=0.0)
             if same and (fewer < 0 or (fewer == 0 and milder)):
+                chosen = rival
+        for rival in scored[1:FINALISTS]:
+            law = rival.score < close and special_case(rival.fit, chosen.fit)
+            sure = rival.score < chosen.score + CLOSE and by_chance(chosen.fit) and not by_chance(rival.fit)
+            if law or sure:
                 chosen = rival
         return chosen
 
@@ -330,7 +362,7 @@ class Selector:
             relevant = with_.gap < left * without.gap or after < left * before or strain > EVIDENCE
         return gain > EVIDENCE + np.log(max(looked_at, 1)) and low > 0.0 and relevant
 
-    def _add(self, result: Selection, screened: Sequence[Screened]) -> bool:
+    def add(self, result: Selection, screened: Sequence[Screened]) -> bool:
         """Try one effect more, then swap the older ones; True where that was worth it."""
         fitter, base = self.fitter, result.best
         fitter.refresh(base.fit.hypothesis, base.fit.x, base.fit.z, base.fit.residual, fitter.moved(base.fit))

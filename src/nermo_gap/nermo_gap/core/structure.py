@@ -11,6 +11,10 @@ Array = NDArray[np.float64]
 
 _FEATURES = 24
 _RIDGE = (0.1, 1.0, 10.0, 100.0)
+REPEATS = 0.2
+"""Share of the residual's power at one frequency from which on it repeats; of links of chance at most 0.08."""
+_SLOWEST, _FASTEST = 0.3, 12.0
+"""[Hz] of what may repeat."""
 
 
 def predictable_share(residuals: Residuals, residual: Array, seed: int = 0) -> float:
@@ -58,3 +62,30 @@ def _held_out(features: Array, target: Array, groups: NDArray[np.int64], strengt
         weights = np.linalg.solve(a.T @ a + strength * len(a) * 1e-2 * np.eye(a.shape[1]), a.T @ b)
         missed += float(((target[test] - features[test] @ weights) ** 2).sum())
     return 1.0 - missed / max(float((target**2).sum()), 1e-12)
+
+
+def repeating_share(residuals: Residuals, residual: Array) -> tuple[float, float]:
+    """Largest share (0 to 1) of the residual's power that one frequency predicts in blocks not fitted; and it [Hz].
+
+    Something that comes at regular times, whatever the robot does, keeps its phase from window to window. A force of
+    this kind shows in a window as its double integral.
+    """
+    windows, aligned = residuals.replayer.windows, residuals.replayer.aligned
+    rows = windows.start[:, None] + np.arange(windows.length)
+    time = rows * aligned.period
+    groups = windows.block % 4
+    target = residual / np.sqrt(1.0 + (residual**2).mean(axis=1, keepdims=True))
+    power, best = max(float((target**2).sum()), 1e-12), (0.0, 0.0)
+    flat = np.ones(rows.shape)
+    for frequency in np.arange(_SLOWEST, min(_FASTEST, 0.25 / aligned.period), 0.5 / max(aligned.duration, 1.0)):
+        phase = 2.0 * np.pi * frequency * time
+        force = np.stack([np.cos(phase), np.sin(phase), flat], axis=-1)
+        once = np.cumsum(force, axis=1) / windows.length
+        features = np.concatenate([force, once, np.cumsum(once, axis=1) / windows.length], axis=-1)[:, windows.sample]
+        features = features / np.maximum(features.std(axis=(0, 1)), 1e-9)
+        explained = 0.0
+        for c in range(target.shape[-1]):
+            channel = target[..., c]
+            explained += max(_held_out(features, channel, groups, _RIDGE[0]), 0.0) * float((channel**2).sum())
+        best = max(best, (explained / power, float(frequency)))
+    return best

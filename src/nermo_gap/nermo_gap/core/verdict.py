@@ -11,7 +11,7 @@ from nermo_gap.core.hypothesis import Fit
 from nermo_gap.core.nuisance import BOX
 from nermo_gap.core.scores import Scored
 from nermo_gap.core.screen import angle, projected_response
-from nermo_gap.core.select import FINALISTS, Selection, Selector, indistinct
+from nermo_gap.core.select import FINALISTS, Selection, Selector, indistinct, special_case
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,8 @@ UNEXPLAINED, LEFT_TYPICAL, LEFT_OVERALL = 2.0, 0.15, 0.1
 """An effect that is the cause leaves a typical window with no more noise floors than this, or with no more than this
 share of what nominal numbers alone leave; or all windows together with no more than the last (a stop that is seldom
 met changes few windows, but much in these)."""
+MUCH = 7.0
+"""And with no more noise floors than this, however small a share of a large gap that is."""
 UNSTABLE = 0.5
 """Spread of a parameter between folds, relative to its distance from neutral."""
 
@@ -102,23 +104,19 @@ def _doubts(selector: Selector, selection: Selection, structure: float) -> list[
     typical, reference_typical = (selector.scores.typical(s.fit.held) for s in (best, reference))
     share = (typical - 1.0) / max(reference_typical - 1.0, 1e-9)
     overall = (best.gap - 1.0) / max(reference.gap - 1.0, 1e-9)
-    if typical > UNEXPLAINED and share > LEFT_TYPICAL and overall > LEFT_OVERALL and not doubts:
+    much = typical > MUCH or (typical > UNEXPLAINED and share > LEFT_TYPICAL and overall > LEFT_OVERALL)
+    if much and not doubts:
         doubts.append(
             f"the best hypothesis ({best.key}) leaves {typical:.1f} noise floors in a typical window, "
             f"{100 * share:.0f} % of what nominal numbers leave: the cause is not in the library"
         )
     strained = [selector.fitter.nuisances[i].name for i in best.fit.strained]
-    if strained and best.fit.likelihood is not None:
-        doubts.append(
-            f"beside {best.key}, {' and '.join(strained)} would have to be off by more than {BOX:g} prior deviations: "
-            "a cause that comes and goes otherwise than by chance may hide in them"
-        )
-    elif strained:
-        more, found = selector.beyond(best.fit), selection.gains[-1][0]
-        if more > HIDDEN * found:
+    if strained:
+        share = selector.hidden(selection)
+        if share > HIDDEN:
             doubts.append(
                 f"beside {best.key}, {' and '.join(strained)} would have to be off by more than {BOX:g} prior "
-                f"deviations (worth {more:.0f} nats, the effect {found:.0f}): another effect hides in them"
+                f"deviations (worth {100 * share:.0f} % of what the effect is): another effect hides in them"
             )
     position = 0
     for effect in best.fit.hypothesis.effects:
@@ -159,7 +157,7 @@ def _equivalents(selector: Selector, selection: Selection, verdict: Verdict) -> 
         response = projected_response(selector.fitter, rival.fit, selection.reference.fit)
         verdict.angles[f"{best.key} | {rival.key}"] = angle(winner, response)
         gain, low, _ = selector.scores.difference(rival.fit, best.fit)
-        if (gain < close or low <= 0.0) and not _nested(best.fit, rival.fit):
+        if (gain < close or low <= 0.0) and not special_case(best.fit, rival.fit):
             alike.append(rival)
     if not alike:
         return []
@@ -171,14 +169,3 @@ def _equivalents(selector: Selector, selection: Selection, verdict: Verdict) -> 
 
 def _names(fit: Fit) -> set[str]:
     return {e.key for e in fit.hypothesis.effects}
-
-
-def _nested(simple: Fit, rich: Fit) -> bool:
-    """Whether the rival contains the winner as a special case at the same site (then the simpler one stands)."""
-    contains = {("coulomb_friction", "stribeck_friction")}
-    one = {(e.name, e.site.name) for e in simple.hypothesis.effects}
-    two = {(e.name, e.site.name) for e in rich.hypothesis.effects}
-    lost, gained = one - two, two - one
-    return len(lost) == len(gained) == 1 and any(
-        (a[0], b[0]) in contains and a[1] == b[1] for a in lost for b in gained
-    )

@@ -1,0 +1,93 @@
+"""What a link of chance leaves, and what is found beside it; what repeats; which of equals is named first."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from robots import aligned_of, plant_of, simulate
+
+from nermo_gap.core.diagnose import Options, diagnose
+from nermo_gap.core.nuisance import BOX
+from nermo_gap.core.recording import recording_from_table
+from nermo_gap.core.replay import Replayer
+from nermo_gap.core.residual import Residuals
+from nermo_gap.core.scatter import Likelihood
+from nermo_gap.core.structure import REPEATS, predictable_share, repeating_share
+from nermo_gap.core.variant import Variant
+from nermo_gap.core.windows import cut
+
+Array = NDArray[np.float64]
+
+
+def _lossy(table: dict[str, Array]) -> dict[str, Array]:
+    """Half of the commands are lost."""
+    kept = np.random.default_rng(5).random(len(table["u"])) > 0.5
+    kept[0] = True
+    return {"u": table["u"][np.maximum.accumulate(np.where(kept, np.arange(len(kept)), 0))]}
+
+
+def _rub(model: mujoco.MjModel) -> None:
+    model.dof_frictionloss[:] += 0.15
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0.0, 0.999))
+def test_a_step_of_the_nuisances_stays_in_their_box_and_never_costs(seed: int, alike: float) -> None:
+    """Two that nearly make up for each other are pulled out of the box together; clipped, the step would do harm."""
+    rng = np.random.default_rng(seed)
+    nw, n = 12, 40
+    first = 5.0 * rng.standard_normal((nw, n))
+    second = -alike * first + (1.0 - alike) * rng.standard_normal((nw, n))
+    jacobian = np.stack([first, second, rng.standard_normal((nw, n))])
+    residual = rng.standard_normal((nw, n)) - 2.0 * first - 3.0 * second
+    columns = np.concatenate([residual[None], jacobian])
+    square = np.einsum("iwn,jwn->wij", columns, columns)
+    likelihood = Likelihood(square, np.zeros(nw), np.full(nw, float(n)))
+    z = np.zeros(3)
+    step = likelihood.fitted(z, np.ones(nw, bool))
+    assert np.abs(z + step).max() <= BOX + 1e-6
+    before, after = (likelihood.costs(s).sum() + 0.5 * s @ s for s in (z, step))
+    assert after <= before + 1e-6
+
+
+@pytest.mark.parametrize("frequency", [0.9, 2.3])
+def test_what_repeats_is_found_at_its_frequency_and_noise_does_not_repeat(frequency: float) -> None:
+    plant, aligned, floor = aligned_of("pendulum", simulate("pendulum", 12.0))
+    residuals = Residuals.build(Replayer(plant, aligned, cut(aligned), floor, 1), Variant.nominal(plant))
+    windows = residuals.replayer.windows
+    noise = np.random.default_rng(0).standard_normal(residuals.mask.shape)
+    assert repeating_share(residuals, noise)[0] < 0.5 * REPEATS
+    time = (windows.start[:, None] + np.arange(windows.length))[:, windows.sample] * aligned.period
+    tone = 6.0 * np.sin(2.0 * np.pi * frequency * time + 0.7)[..., None] + noise
+    share, found = repeating_share(residuals, tone)
+    assert share > 2.0 * REPEATS
+    assert abs(found - frequency) < 1.0 / aligned.duration
+    # Commands and motion do not tell when it comes.
+    assert predictable_share(residuals, tone) < share
+
+
+def test_an_effect_is_found_under_what_a_lossy_link_scatters() -> None:
+    plant = plant_of("pendulum")
+    table = simulate("pendulum", 12.0, change=_rub, signal=_lossy)
+    only = ("link_loss", "link_jitter", "coulomb_friction", "viscous_friction", "sensor_scale", "servo_gain")
+    options = Options(only=only, baselines=False, threads=1)
+    report = diagnose([recording_from_table(table, plant)], plant, options).report
+    found = {e["name"]: next(iter(e["parameters"].values())) for e in report["effects"]}
+    link = set(found) - {"coulomb_friction"}
+    assert found["coulomb_friction"]["value"] == pytest.approx(0.15, rel=0.15), report["reasons"]
+    assert link == {"link_loss"} or ["link_jitter@all", "link_loss@all"] in report["equivalent"]
+    assert len(link) == 1 and report["verdict"] in ("effect", "ambiguous")
+
+
+def test_of_two_laws_of_friction_the_simple_one_is_named() -> None:
+    """Stribeck's contains Coulomb's, so it always fits a little better."""
+    plant = plant_of("pendulum")
+    table = simulate("pendulum", 10.0, change=_rub)
+    options = Options(only=("coulomb_friction", "stribeck_friction"), baselines=False, threads=1)
+    report = diagnose([recording_from_table(table, plant)], plant, options).report
+    assert [e["name"] for e in report["effects"]] == ["coulomb_friction"]
+    assert report["verdict"] == "effect"
