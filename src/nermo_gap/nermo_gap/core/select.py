@@ -24,6 +24,8 @@ Progress = Callable[[str, float], None]
 
 EVIDENCE = 4.0
 """An effect must earn this many nats beyond the price of having looked at many candidates (the log of their number)."""
+EVIDENCE_MORE = 16.0
+"""Any further effect so many: what the first one's law does not get quite right is cheap for some other to take."""
 RELEVANT = 0.10
 """An effect must take at least this share of the gap (or as much strain off the priors as EVIDENCE)."""
 MORE = 0.3
@@ -360,7 +362,8 @@ class Selector:
         else:
             left = 1.0 - RELEVANT
             relevant = with_.gap < left * without.gap or after < left * before or strain > EVIDENCE
-        return gain > EVIDENCE + np.log(max(looked_at, 1)) and low > 0.0 and relevant
+        evidence = EVIDENCE_MORE if without.fit.hypothesis.effects else EVIDENCE
+        return gain > evidence + np.log(max(looked_at, 1)) and low > 0.0 and relevant
 
     def add(self, result: Selection, screened: Sequence[Screened]) -> bool:
         """Try one effect more, then swap the older ones; True where that was worth it."""
