@@ -45,6 +45,8 @@ def nominal_numbers(truth: Truth) -> list[Callable[[float], None]]:
         nonzero = np.flatnonzero(np.asarray(field).reshape(len(field), -1).any(axis=1))
         found += [partial(move, values, int(i)) for i in nonzero]
     found += [partial(move, model.body_inertia, b) for b in moving]
+    # Where the masses lie is right in a truth, but nobody who looks at a recording knows that.
+    found += [partial(move, model.body_ipos, b) for b in moving if np.abs(model.body_ipos[b]).max() > 0]
     if (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE).any():
         every = slice(None)
         found.append(lambda z: move(model.geom_friction[:, 0], every, z))

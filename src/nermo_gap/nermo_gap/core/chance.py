@@ -18,7 +18,7 @@ from nermo_gap.core.effects.link import Late
 from nermo_gap.core.hypothesis import Fit, Hypothesis
 from nermo_gap.core.nuisance import BOX
 from nermo_gap.core.scatter import Likelihood, Scatter, autoregression_costs
-from nermo_gap.core.select import ENOUGH, EVIDENCE, Selection, Selector, by_chance, indistinct
+from nermo_gap.core.select import ENOUGH, EVIDENCE, UNEXPLAINED, Selection, Selector, by_chance, indistinct
 from nermo_gap.core.structure import REPEATS, predictable_share, repeating_share
 
 Array = NDArray[np.float64]
@@ -77,13 +77,16 @@ class Chance:
         self._samples = np.maximum(self._fitter.count.sum(axis=1), 1.0)
         self._other, self._without = np.zeros(len(self._fitter.windows)), 0.0
 
-    def reconsider(self, selection: Selection) -> None:
-        """Put a random effect in the place of the winner, or beside others, where it is better; edits ``selection``."""
+    def reconsider(self, selection: Selection, thorough: bool = True) -> None:
+        """Put a random effect in the place of the winner, or beside others, where it is better; edits ``selection``.
+
+        Not ``thorough``, only where the mean of a random link is about the best already, and nothing beside it.
+        """
         selector, fitter, best = self._selector, self._fitter, selection.best
         effects = [e for e in selector.effects if isinstance(e, Late)]
         close = best.score + indistinct(selection.reference.score - best.score)
         tied = any(by_chance(s.fit) for s in selection.rivals if s.score < close)
-        if not effects or (selector.scores.typical(best.fit.held) < ENOUGH and not tied):
+        if not effects or not (tied or (thorough and selector.scores.typical(best.fit.held) > ENOUGH)):
             return
         self._other = autoregression_costs(best.fit.residual.astype(float), self._samples)
         size = np.maximum((best.fit.residual**2).sum(axis=(1, 2)) / self._samples, 1.0)
@@ -91,10 +94,12 @@ class Chance:
         means = {s.key: s.fit.z for s in reversed([*selection.rivals, *selection.singles])}
         rest = np.zeros(len(fitter.nuisances))
         alone = [self._fit(e, None, means.get(e.key, rest)) for e in effects]
-        beside = [self._fit(e, best.fit, best.fit.z) for e in effects if _mine(best.fit).any()]
+        # What explains as much as an effect should is not doubted.
+        doubted = by_chance(best.fit) or selector.scores.typical(best.fit.held) > UNEXPLAINED
+        beside = [self._fit(e, best.fit, best.fit.z) for e in effects if doubted and _mine(best.fit).any()]
         links = sorted(alone + beside, key=self._price)
         lead = next((k for k in links if self._right(k)), None)
-        if lead is None or selector.scores.typical(lead.fit.held) > ENOUGH:
+        if thorough and (lead is None or selector.scores.typical(lead.fit.held) > ENOUGH):
             more = self._one_more(min(alone, key=self._price), selection)
             first = next((k for k in more if self._right(k)), None)
             if first and (lead is None or self._earns(lead, first)):

@@ -132,9 +132,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     effort = options.effort or (HEAVY if plant.model.nv > LIGHT else Effort())
     selector = Selector(fitter, effects, options.seed, options.progress, effort)
     selection = selector.run()
-    if plant.model.nv <= LIGHT:
-        # Untried on larger models, and it would double their time.
-        Chance(selector).reconsider(selection)
+    Chance(selector).reconsider(selection, thorough=plant.model.nv <= LIGHT)
     structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
     verdict = judge(selector, selection, structure)
     if verdict.kind == "unknown":

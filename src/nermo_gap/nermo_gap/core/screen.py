@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -77,7 +78,10 @@ def screen(
         starts = {id(e): (_directions(e) if crowd else _moderate(e.starts())) for e in chosen}
         few = informative_windows(fitter, fit, _GLANCE_CROWD if crowd else _GLANCE)
         ranked = _ranked(fitter, fit, chosen, starts, few, progress, (0.0, 0.6), crowd)
-        chosen, done = [s.effect for s in ranked[:hopeful]], 0.6
+        # What a robot has but one of (its ground, its link) is no crowd.
+        sites = Counter(name for name, _ in {(e.name, e.site.name) for e in chosen})
+        hope = ranked[:hopeful] + [s for s in ranked[hopeful:] if sites[s.effect.name] == 1]
+        chosen, done = [s.effect for s in hope], 0.6
     starts = {id(e): e.starts() for e in chosen}
     jobs = sum(len(tries) for tries in starts.values())
     count = int(np.clip(WINDOWS * _JOBS / max(jobs, 1), _FEWEST, WINDOWS))

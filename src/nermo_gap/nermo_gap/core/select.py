@@ -33,6 +33,8 @@ MORE = 0.3
 ENOUGH = 1.2
 """[noise floors] With no more left than that in a typical window, and no nominal number at the end of its box, no
 further effect is looked for."""
+UNEXPLAINED = 2.0
+"""[noise floors] An effect that is the cause leaves a typical window with no more."""
 TIE = 0.5
 """[nats] Closer than this, two hypotheses predict the same."""
 CLOSE, LEAD = 3.0, 0.1

@@ -11,7 +11,7 @@ from nermo_gap.core.hypothesis import Fit
 from nermo_gap.core.nuisance import BOX
 from nermo_gap.core.scores import Scored
 from nermo_gap.core.screen import angle, projected_response
-from nermo_gap.core.select import FINALISTS, Selection, Selector, indistinct, special_case
+from nermo_gap.core.select import FINALISTS, UNEXPLAINED, Selection, Selector, indistinct, special_case
 
 Array = NDArray[np.float64]
 
@@ -26,9 +26,9 @@ LEFT = 0.35
 HIDDEN = 0.15
 """Another effect hides in nominal numbers at the end of what their priors allow where letting them go further is worth
 this share of what the effect that was found is worth."""
-UNEXPLAINED, LEFT_TYPICAL, LEFT_OVERALL = 2.0, 0.15, 0.1
-"""An effect that is the cause leaves a typical window with no more noise floors than this, or with no more than this
-share of what nominal numbers alone leave; or all windows together with no more than the last (a stop that is seldom
+LEFT_TYPICAL, LEFT_OVERALL = 0.15, 0.1
+"""An effect that is the cause leaves a typical window with UNEXPLAINED noise floors, or with no more than this share
+of what nominal numbers alone leave; or all windows together with no more than the last (a stop that is seldom
 met changes few windows, but much in these)."""
 MUCH = 7.0
 """And with no more noise floors than this, however small a share of a large gap that is."""
@@ -104,7 +104,9 @@ def _doubts(selector: Selector, selection: Selection, structure: float) -> list[
     typical, reference_typical = (selector.scores.typical(s.fit.held) for s in (best, reference))
     share = (typical - 1.0) / max(reference_typical - 1.0, 1e-9)
     overall = (best.gap - 1.0) / max(reference.gap - 1.0, 1e-9)
-    much = typical > MUCH or (typical > UNEXPLAINED and share > LEFT_TYPICAL and overall > LEFT_OVERALL)
+    # Chance has shown itself sample by sample.
+    sure = best.fit.likelihood is not None
+    much = typical > MUCH or (not sure and typical > UNEXPLAINED and share > LEFT_TYPICAL and overall > LEFT_OVERALL)
     if much and not doubts:
         doubts.append(
             f"the best hypothesis ({best.key}) leaves {typical:.1f} noise floors in a typical window, "
