@@ -109,7 +109,11 @@ class Chance:
         rivals = [k for k in links if len(k.fit.hypothesis.effects) == len(lead.fit.hypothesis.effects)]
         selection.best = selector.scores.scored(lead.fit)
         selection.rivals = [selection.best, *(selector.scores.scored(k.fit) for k in rivals if k is not lead)]
-        selection.gains = [lead.gain] * len(lead.fit.hypothesis.effects)
+        # What is beside a link gains over that link alone.
+        without = next(k.fit.likelihood for k in alone if k.effect is lead.effect)
+        assert without is not None and lead.fit.likelihood is not None
+        own = selector.scores.gain(without, lead.fit.likelihood)
+        selection.gains = [own] * (len(lead.fit.hypothesis.effects) - 1) + [lead.gain]
 
     def _price(self, found: _Found) -> float:
         """Cost [nats] of a link, with that of having looked for what is beside it."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from nermo_gap.core.align import Aligned, align
 from nermo_gap.core.baselines import best_in_sample, fit_everything
-from nermo_gap.core.chance import Chance
+from nermo_gap.core.chance import PATTERN, Chance
 from nermo_gap.core.effects.base import Context, Effect
 from nermo_gap.core.experiment import GenericMenu, Menu
 from nermo_gap.core.fit import Fitter
@@ -137,10 +137,11 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     verdict = judge(selector, selection, structure)
     if verdict.kind == "unknown":
         share, frequency = repeating_share(residuals, selection.best.fit.residual)
-        if share > REPEATS:
+        # A gait repeats too, and with it whatever is wrong with it; commands and motion predict that.
+        if share > REPEATS and structure < PATTERN:
             verdict.reasons.append(
-                f"{100 * share:.0f} % of what is left comes back about {frequency:.2g} times a second, whatever the "
-                "robot does: look for a fan, a gear, a belt or a neighbour"
+                f"{100 * share:.0f} % of what is left comes back about {frequency:.2g} times a second, and commands "
+                "and motion do not predict it: look for a fan, a gear, a belt or a neighbour"
             )
     proposal = propose(
         fitter, verdict.open, options.menu, options.seed, lambda share: options.say("next experiment", share)

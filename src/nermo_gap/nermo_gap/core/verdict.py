@@ -104,9 +104,7 @@ def _doubts(selector: Selector, selection: Selection, structure: float) -> list[
     typical, reference_typical = (selector.scores.typical(s.fit.held) for s in (best, reference))
     share = (typical - 1.0) / max(reference_typical - 1.0, 1e-9)
     overall = (best.gap - 1.0) / max(reference.gap - 1.0, 1e-9)
-    # Chance has shown itself sample by sample.
-    sure = best.fit.likelihood is not None
-    much = typical > MUCH or (not sure and typical > UNEXPLAINED and share > LEFT_TYPICAL and overall > LEFT_OVERALL)
+    much = typical > MUCH or (typical > UNEXPLAINED and share > LEFT_TYPICAL and overall > LEFT_OVERALL)
     if much and not doubts:
         doubts.append(
             f"the best hypothesis ({best.key}) leaves {typical:.1f} noise floors in a typical window, "
