@@ -90,6 +90,19 @@ def test_one_friction_is_found_with_its_size() -> None:
     assert found.report["gap"]["shrink"] > 0.8 and found.report["gap"]["after"] < 1.5
 
 
+def test_a_few_windows_far_off_are_no_case_of_no_gap() -> None:
+    """Something that acts seldom leaves the typical window alone; it is not explained away for that."""
+    plant, table = plant_of("pendulum"), simulate("pendulum", 14.0)
+    angle = table["q"].copy()
+    for start in (3.1, 9.4):
+        knock = (table["t"] - start) / 0.2
+        angle += np.where((knock > 0) & (knock < 1), 0.02 * np.sin(np.pi * knock) ** 2, 0.0)
+    options = Options(baselines=False, only=("viscous_friction", "servo_delay"), threads=1)
+    found = diagnose([recording_from_table(table | {"q": angle}, plant)], plant, options)
+    assert found.report["gap"]["typical"]["after"] < 2.0
+    assert found.report["verdict"] == "unknown", found.report["reasons"]
+
+
 def test_friction_and_damping_are_not_taken_for_friction_alone() -> None:
     """Fitted with friction alone, a joint with both gives a confident wrong number: the pair, or no single effect."""
     report = _diagnose("pendulum", _both_frictions, 14.0).report

@@ -14,12 +14,15 @@ from robots import ARM, LEG, MODELS, aligned_of, simulate
 from nermo_gap.core.effects.base import Context, Effect, Site, group_names
 from nermo_gap.core.effects.body import shift_com
 from nermo_gap.core.effects.contact import GravityLean, GroundSlope, soften_onset
+from nermo_gap.core.effects.friction import CoulombFriction, StribeckFriction
+from nermo_gap.core.effects.tendon import TendonFriction
 from nermo_gap.core.errors import GapInputError
 from nermo_gap.core.library import effect_classes, enumerate_effects, load_effects
 from nermo_gap.core.nuisance import apply_nuisances, enumerate_nuisances
+from nermo_gap.core.plant import Plant
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.scales import measure_scales
-from nermo_gap.core.variant import Variant
+from nermo_gap.core.variant import FrictionPath, Variant
 from nermo_gap.core.windows import cut
 
 NAMES = {
@@ -218,3 +221,32 @@ def test_a_slope_is_slid_down_whichever_way_it_is_seen(
     steep = np.sin(0.1) * (np.cos(0.1) if kind is GroundSlope else 1.0)
     np.testing.assert_allclose(data.qpos[:2], 0.5 * 9.81 * steep * np.array(way), atol=0.02)
     assert (data.qpos[2] < -0.02) == (kind is GroundSlope)
+
+
+FIRM = [("firm", 3.0, 0.0, 5e-4), ("", 3.0, 2e-3, 1e-2), ("firm", 5.0, 0.49, 0.51), ("", 5.0, 0.49, 0.51)]
+"""Form, pull [N], and within which distances [m] it moves."""
+
+
+@pytest.mark.parametrize(("form", "pull", "least", "most"), FIRM)
+@pytest.mark.parametrize("kind", [CoulombFriction, StribeckFriction, TendonFriction])
+def test_firm_friction_holds_what_is_smaller(
+    kind: type[Effect], form: str, pull: float, least: float, most: float
+) -> None:
+    """A kilogram on a rail with 4 N of dry friction, under a pull for a second."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><option timestep="0.001" gravity="0 0 0"/><worldbody><body>
+        <joint name="rail" type="slide" axis="1 0 0"/>
+        <geom type="box" size=".05 .05 .05" mass="1"/></body></worldbody>
+        <tendon><fixed name="cable"><joint joint="rail" coef="1"/></fixed></tendon></mujoco>"""
+    )
+    plant = SimpleNamespace(model=model)
+    variant = SimpleNamespace(model=model, plant=plant, friction=FrictionPath.neutral(cast(Plant, plant)))
+    values = (0.0, 4.0, 1.0) if kind is StribeckFriction else (4.0,)
+    effect = kind(Site("rail", (0,)), [], form)
+    assert {e.form for e in (effect, *effect.alternatives())} == {"", "firm"}
+    effect.apply(cast(Variant, variant), values)
+    data = mujoco.MjData(model)
+    data.qfrc_applied[0] = pull
+    for _ in range(1000):
+        mujoco.mj_step(model, data)
+    assert least <= data.qpos[0] <= most

@@ -17,8 +17,9 @@ from nermo_gap.core.effects.base import Effect
 from nermo_gap.core.effects.link import Late
 from nermo_gap.core.hypothesis import Fit, Hypothesis
 from nermo_gap.core.nuisance import BOX
+from nermo_gap.core.preference import EVIDENCE, UNEXPLAINED, by_chance, indistinct
 from nermo_gap.core.scatter import Likelihood, Scatter, autoregression_costs
-from nermo_gap.core.select import ENOUGH, EVIDENCE, UNEXPLAINED, Selection, Selector, by_chance, indistinct
+from nermo_gap.core.select import ENOUGH, Selection, Selector
 from nermo_gap.core.structure import REPEATS, predictable_share, repeating_share
 
 Array = NDArray[np.float64]

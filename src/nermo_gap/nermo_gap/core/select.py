@@ -1,4 +1,4 @@
-"""Which hypothesis: the one-standard-error rule on held-out scores, forward selection with swaps."""
+"""Which hypothesis: a competition on held-out scores, forward selection with swaps."""
 
 from __future__ import annotations
 
@@ -11,37 +11,21 @@ from numpy.typing import NDArray
 
 from nermo_gap.core.effects.base import Effect
 from nermo_gap.core.effects.growing import MIN_DURATION, Growing
-from nermo_gap.core.effects.link import Late
 from nermo_gap.core.fit import Fitter
 from nermo_gap.core.hypothesis import Fit, Hypothesis
 from nermo_gap.core.nuisance import BOX
-from nermo_gap.core.scores import PER_PARAMETER, Scored, Scores
+from nermo_gap.core.preference import EVIDENCE, FINALISTS, earns, indistinct, simplest
+from nermo_gap.core.scores import Scored, Scores
 from nermo_gap.core.screen import Screened, informative_windows, screen
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Progress = Callable[[str, float], None]
 
-EVIDENCE = 4.0
-"""An effect must earn this many nats beyond the price of having looked at many candidates (the log of their number)."""
-EVIDENCE_MORE = 16.0
-"""Any further effect so many: what the first one's law does not get quite right is cheap for some other to take."""
-RELEVANT = 0.10
-"""An effect must take at least this share of the gap (or as much strain off the priors as EVIDENCE)."""
-MORE = 0.3
-"""Any further effect must take this share of what the typical window is left with above the noise floor."""
 ENOUGH = 1.2
 """[noise floors] With no more left than that in a typical window, and no nominal number at the end of its box, no
 further effect is looked for."""
-UNEXPLAINED = 2.0
-"""[noise floors] An effect that is the cause leaves a typical window with no more."""
-TIE = 0.5
-"""[nats] Closer than this, two hypotheses predict the same."""
-CLOSE, LEAD = 3.0, 0.1
-"""Rivals nearer than so many nats, or than this share of what the winner explains, are not told apart, whatever the
-bootstrap says: no effect of a library is quite what a robot has, and the wrong one may bend a little better."""
 SURVIVORS = 10
-FINALISTS = 5
 FIT_WINDOWS = 30
 """Windows in which candidates are fitted; they are scored, and the leaders refitted, in all."""
 LARGER = (1.25, 1.6, 2.2)
@@ -101,45 +85,6 @@ def _score(scored: Scored) -> float:
     return scored.score
 
 
-def indistinct(gain: float) -> float:
-    """How far [nats] behind a winner that gains ``gain`` a rival is not told from it."""
-    return max(CLOSE, LEAD * gain)
-
-
-def _extremities(fit: Fit) -> Array:
-    """How far each parameter of a fit is from neutral, in its strongest try."""
-    away: Array = np.abs(fit.x - fit.hypothesis.vector("neutral")) / np.maximum(fit.hypothesis.vector("strong"), 1e-300)
-    return away
-
-
-def _kinds(fit: Fit) -> list[str]:
-    return sorted(e.name for e in fit.hypothesis.effects)
-
-
-def by_chance(fit: Fit) -> bool:
-    """Whether an effect of a fit is a matter of chance."""
-    return any(isinstance(e, Late) for e in fit.hypothesis.effects)
-
-
-def special_case(simple: Fit, rich: Fit) -> bool:
-    """Whether two fits differ in one effect, at one site, whose law the rich one generalises."""
-    one = {(e.name, e.site.name) for e in simple.hypothesis.effects}
-    two = {(e.name, e.site.name) for e in rich.hypothesis.effects}
-    lost, gained = one - two, two - one
-    return len(lost) == len(gained) == 1 and any(
-        (a[0], b[0]) in _CONTAINS and a[1] == b[1] for a in lost for b in gained
-    )
-
-
-def _parts(fit: Fit) -> int:
-    """How many parts of the robot the effects of a fit change."""
-    return sum(len(e.site.targets) for e in fit.hypothesis.effects)
-
-
-_CONTAINS = {("coulomb_friction", "stribeck_friction")}
-"""(special case, law)."""
-
-
 class Selector:
     """Runs the competition on one recording."""
 
@@ -173,18 +118,17 @@ class Selector:
         reference = self.scores.scored(fitter.cross_validate(fitter.fit_nuisances()))
         assert fitter.nominal is not None
         screened = self._screen_about_nominal()
-        singles = self._fit_all([(Hypothesis((s.effect,)), s) for s in screened[: self._effort.survivors]], "fit")
+        singles = self._fit_all([(Hypothesis((s.effect,)), s) for s in screened[: self._effort.survivors]], reference)
         singles, reference = self._finals(singles, reference, screened[:FAVOURITES])
         nominal_square = fitter.mean_square(
             fitter.replay(Hypothesis(), [(np.zeros(0), np.zeros(len(fitter.nuisances)))])[0]
         )
         result = Selection(reference, float(self.scores.gaps(nominal_square)[0]), reference, singles, [], [], screened)
         self.nominal_square = nominal_square
-        winner = self._simplest(singles, reference)
-        if winner is None or not self._earns(reference, winner, len(self.effects)):
+        winner = simplest(self.scores, singles, reference)
+        if winner is None or not earns(self.scores, reference, winner, len(self.effects)):
             return result
-        winner = self._follow(winner)
-        singles = sorted([winner, *(s for s in singles if s.fit.hypothesis is not winner.fit.hypothesis)], key=_score)
+        singles, winner = self._followed(singles, winner, reference)
         result.best, result.rivals = winner, singles
         result.gains.append(self.scores.difference(reference.fit, winner.fit))
         while len(result.best.fit.hypothesis.effects) < self._effort.max_effects:
@@ -211,19 +155,26 @@ class Selector:
         fitter.jacobian = kept
         return screened
 
-    def _fit_all(
-        self, jobs: Sequence[tuple[Hypothesis, Screened]], label: str, base: Fit | None = None
-    ) -> list[Scored]:
-        fits = []
+    def _fit_all(self, jobs: Sequence[tuple[Hypothesis, Screened]], base: Scored) -> list[Scored]:
+        """Fits of hypotheses that have one effect more than ``base``, best first."""
         assert self.fitter.nominal is not None
-        select = informative_windows(self.fitter, self.fitter.nominal if base is None else base, FIT_WINDOWS)
+        first = not base.fit.hypothesis.effects
+        without = self.fitter.nominal if first else base.fit
+        select = informative_windows(self.fitter, without, FIT_WINDOWS)
+
+        def fitted(hypothesis: Hypothesis, start: Screened, z: Array) -> Fit:
+            own, z = self._nearest(hypothesis, start, z, select) if first else (start.x, z)
+            return self.fitter.fit(hypothesis, np.concatenate([base.fit.x, own]), z, select=select)
+
+        fits = []
         for i, (hypothesis, start) in enumerate(jobs):
-            self._say(label, i / len(jobs))
-            own, z = self._nearest(hypothesis, start, select) if base is None else (start.x, start.z)
-            x = own if base is None else np.concatenate([base.x, own])
-            fits.append(self.fitter.fit(hypothesis, x, z, select=select))
+            self._say("fit" if first else "fit partners", i / len(jobs))
+            fits.append(fitted(hypothesis, start, start.z))
+        if first and all(f.cost > base.fit.cost - EVIDENCE for f in fits):
+            # They contain what they do not beat: perhaps they were begun too far from its nuisances.
+            fits += [fitted(hypothesis, start, base.fit.z) for hypothesis, start in jobs]
+            fits = list({f.hypothesis.key: f for f in sorted(fits, key=lambda f: -f.cost)}.values())
         fits.sort(key=lambda f: f.cost)
-        without = self.fitter.nominal if base is None else base
         margin = max(HOPELESS, FAR * (without.cost - fits[0].cost)) if fits else HOPELESS
         for i, fit in enumerate(fits):
             # Whoever loses in sample by far need not be scored held out: in sample flatters.
@@ -235,21 +186,21 @@ class Selector:
                 )
         return sorted((self.scores.scored(f) for f in fits), key=_score)
 
-    def _nearest(self, hypothesis: Hypothesis, start: Screened, select: Ints) -> tuple[Array, Array]:
-        """The best of the start, of values between the tries on its side and of larger ones, by true replays.
+    def _nearest(self, hypothesis: Hypothesis, start: Screened, z: Array, select: Ints) -> tuple[Array, Array]:
+        """The best of the start, of the tries on its side, of values between them and of larger ones, by true replays.
 
         A limit or a stop acts from some value on: from the far side of it, or from far, no slope leads there. Each is
         also tried with untouched nuisances, which may have been bent to make up for a value that is far from right.
         """
         (effect,) = hypothesis.effects
         if len(effect.parameters) != 1:
-            return start.x, start.z
+            return start.x, z
         parameter = effect.parameters[0]
         away = start.x[0] - parameter.neutral
         tries = sorted(t for t in parameter.tries if (t - parameter.neutral) * np.sign(away) > 0)
-        values = [start.x[0], *(a + k * (b - a) for a, b in pairwise(tries) for k in (1 / 3, 2 / 3))]
+        values = [start.x[0], *tries, *(a + k * (b - a) for a, b in pairwise(tries) for k in (1 / 3, 2 / 3))]
         values += [v for v in parameter.neutral + away * np.array(LARGER) if parameter.low < v < parameter.high]
-        points = [(np.array([v]), z) for z in (start.z, np.zeros_like(start.z)) for v in values]
+        points = [(np.array([v]), z) for z in (z, np.zeros_like(z)) for v in values]
         residuals = self.fitter.replay(hypothesis, points, select)
         costs = self.fitter.data_cost(self.fitter.mean_square(residuals, select), select)
         costs = costs + 0.5 * np.array([z @ z for _, z in points])
@@ -300,72 +251,16 @@ class Selector:
         found, effects = [], fit.hypothesis.effects
         for i, effect in enumerate(effects):
             names = [p.name for p in effect.parameters]
-            for other in self.effects:
-                same = other.key == effect.key and [p.name for p in other.parameters] == names
-                if same and other.form != effect.form:
-                    changed = Hypothesis((*effects[:i], other, *effects[i + 1 :]))
-                    found.append(self.scores.scored(self.fitter.cross_validate(self.fitter.fit(changed, fit.x, fit.z))))
+            same = [o for o in self.effects if o.key == effect.key and [p.name for p in o.parameters] == names]
+            for other in [*(o for o in same if o.form != effect.form), *effect.alternatives()]:
+                changed = Hypothesis((*effects[:i], other, *effects[i + 1 :]))
+                found.append(self.scores.scored(self.fitter.cross_validate(self.fitter.fit(changed, fit.x, fit.z))))
         return found
 
     @staticmethod
     def _hopeless(without: Scored, best: Scored) -> float:
         """How far [nats] behind the best of a round a candidate may be and still be refitted."""
         return max(HOPELESS, FAR * (without.score - best.score))
-
-    def _simplest(self, scored: Sequence[Scored], without: Scored) -> Scored | None:
-        """One-standard-error rule: of those within one standard error of the best, the one with fewest parameters.
-
-        And of the same effects at fewer parts, any that cannot be told from it: values for joints that have nothing
-        take up what nominal numbers are off, and so seem to earn a little. Likewise the special case of a law before
-        the law, and before a link of chance what is late without it: chance has to show (`Chance`).
-        """
-        if not scored:
-            return None
-        best = scored[0]
-        chosen = best
-        for rival in scored[1:FINALISTS]:
-            gain = self.scores.costs(rival.fit) - self.scores.costs(best.fit)
-            simpler = rival.fit.hypothesis.size < chosen.fit.hypothesis.size
-            if simpler and gain[0] <= float(gain[1:].std()) + PER_PARAMETER:
-                chosen = rival
-        close = best.score + indistinct(without.score - best.score)
-        for rival in scored[1:FINALISTS]:
-            if _kinds(rival.fit) == _kinds(chosen.fit) and _parts(rival.fit) < _parts(chosen.fit):
-                chosen = rival if rival.score < close else chosen
-        # Names for the same change: the one at fewer parts, or that has to be less extreme.
-        for rival in scored[1:FINALISTS]:
-            same = rival.fit.hypothesis.size == chosen.fit.hypothesis.size and rival.score < chosen.score + TIE
-            fewer = _parts(rival.fit) - _parts(chosen.fit)
-            milder = _extremities(rival.fit).max(initial=0.0) < 0.7 * _extremities(chosen.fit).max(initial=0.0)
-            if same and (fewer < 0 or (fewer == 0 and milder)):
-                chosen = rival
-        for rival in scored[1:FINALISTS]:
-            law = rival.score < close and special_case(rival.fit, chosen.fit)
-            sure = rival.score < chosen.score + CLOSE and by_chance(chosen.fit) and not by_chance(rival.fit)
-            if law or sure:
-                chosen = rival
-        return chosen
-
-    def _earns(self, without: Scored, with_: Scored, looked_at: int) -> bool:
-        """Whether the larger hypothesis is worth having.
-
-        Of one effect more, a good part of what is left above the noise floor is asked: nothing is quite as its model
-        says (a friction's law, a servo's), and there is always some effect that takes a little of that.
-        """
-        gain, low, _ = self.scores.difference(without.fit, with_.fit)
-        if without.fit.likelihood is None and with_.fit.likelihood is None:
-            # In sample flatters: what is not earned there is an accident of the folds.
-            gain = min(gain, without.fit.cost - with_.fit.cost)
-        before, after = (self.scores.typical(s.fit.held) for s in (without, with_))
-        strain = without.fit.prior - with_.fit.prior
-        if without.fit.hypothesis.effects:
-            relevant = after - 1.0 < (1.0 - MORE) * (before - 1.0)
-            relevant |= bool(without.fit.strained) and strain > EVIDENCE
-        else:
-            left = 1.0 - RELEVANT
-            relevant = with_.gap < left * without.gap or after < left * before or strain > EVIDENCE
-        evidence = EVIDENCE_MORE if without.fit.hypothesis.effects else EVIDENCE
-        return gain > evidence + np.log(max(looked_at, 1)) and low > 0.0 and relevant
 
     def add(self, result: Selection, screened: Sequence[Screened]) -> bool:
         """Try one effect more, then swap the older ones; True where that was worth it."""
@@ -377,7 +272,7 @@ class Selector:
             fitter, base.fit, others, lambda share: self._say("screen partners", share), self._effort.hopeful
         )
         jobs = [(base.fit.hypothesis.with_effect(s.effect), s) for s in partners[: self._effort.partners]]
-        pairs = self._fit_all(jobs, "fit partners", base.fit)
+        pairs = self._fit_all(jobs, base)
         if not pairs:
             return False
         pairs = self._swap(pairs, screened)
@@ -386,8 +281,8 @@ class Selector:
         polished += [self.scores.scored(fitter.polish(f.fit)) for f in self._forms(min(polished, key=_score).fit)]
         keys = {p.key for p in polished}
         pairs = sorted([*polished, *(p for p in pairs if p.key not in keys)], key=_score)
-        best = self._simplest(pairs, base)
-        if best is None or not self._earns(base, best, len(others)):
+        best = simplest(self.scores, pairs, base)
+        if best is None or not earns(self.scores, base, best, len(others)):
             return False
         result.gains.append(self.scores.difference(base.fit, best.fit))
         best = self._follow(best)
@@ -407,7 +302,7 @@ class Selector:
                 x = np.delete(full.x, np.arange(starts[i], starts[i + 1]))
                 without.append(self.scores.scored(self.fitter.polish(self.fitter.fit(Hypothesis(rest), x, full.z))))
             simpler = min(without, key=_score)
-            if self._earns(simpler, result.best, len(self.effects)):
+            if earns(self.scores, simpler, result.best, len(self.effects)):
                 result.gains = [self.scores.difference(w.fit, full) for w in without]
                 return
             others = result.singles if len(simpler.fit.hypothesis.effects) == 1 else without
@@ -440,6 +335,15 @@ class Selector:
             gain, low, _ = self.scores.difference(base.fit, grown.fit)
             if gain > EVIDENCE and low > 0.0:
                 result.best = self._follow(grown)
+
+    def _followed(self, scored: list[Scored], winner: Scored, without: Scored) -> tuple[list[Scored], Scored]:
+        """Those that cannot be told from the best fitted to the end, best first; and which of them wins then."""
+        close = scored[0].score + indistinct(without.score - scored[0].score)
+        tied = [i < FINALISTS and (s.score < close or s is winner) for i, s in enumerate(scored)]
+        again = sorted((self._follow(s) if t else s for s, t in zip(scored, tied, strict=True)), key=_score)
+        chosen = simplest(self.scores, again, without)
+        assert chosen is not None
+        return again, chosen
 
     def _follow(self, scored: Scored) -> Scored:
         """A winner fitted to the end."""

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from nermo_gap.core.hypothesis import Fit
 from nermo_gap.core.nuisance import BOX
+from nermo_gap.core.preference import FINALISTS, UNEXPLAINED, indistinct, special_case
 from nermo_gap.core.scores import Scored
 from nermo_gap.core.screen import angle, projected_response
-from nermo_gap.core.select import FINALISTS, UNEXPLAINED, Selection, Selector, indistinct, special_case
+from nermo_gap.core.select import Selection, Selector
 
 Array = NDArray[np.float64]
 
@@ -31,7 +32,8 @@ LEFT_TYPICAL, LEFT_OVERALL = 0.15, 0.1
 of what nominal numbers alone leave; or all windows together with no more than the last (a stop that is seldom
 met changes few windows, but much in these)."""
 MUCH = 7.0
-"""And with no more noise floors than this, however small a share of a large gap that is."""
+"""And with no more noise floors than this, however small a share of a large gap that is. All windows together that
+are left with more are no case of no gap, though it be few of them."""
 UNSTABLE = 0.5
 """Spread of a parameter between folds, relative to its distance from neutral."""
 
@@ -61,7 +63,7 @@ def judge(selector: Selector, selection: Selection, structure: float) -> Verdict
     verdict = Verdict("no_gap", best)
     if best is reference:
         typical = selector.scores.typical(best.fit.held)
-        if typical > REMAINS or (best.gap > SMALL and structure > STRUCTURE):
+        if typical > REMAINS or best.gap > MUCH or (best.gap > SMALL and structure > STRUCTURE):
             verdict.kind = "unknown"
             verdict.open = [s.fit for s in selection.singles[:2]] + [reference.fit]
             verdict.reasons.append(
@@ -150,10 +152,13 @@ def _equivalents(selector: Selector, selection: Selection, verdict: Verdict) -> 
     winner = projected_response(selector.fitter, best.fit, selection.reference.fit)
     mine = _names(best.fit)
     close = indistinct(min(gain for gain, _, _ in selection.gains))
-    alike = []
+    alike, seen = [], [mine]
     for rival in selection.rivals[: 2 * FINALISTS]:
-        if rival is best or _names(rival.fit) == mine:
+        if rival is best or _names(rival.fit) in seen:
             continue
+        seen.append(_names(rival.fit))
+        if rival.fit.likelihood is None and rival.score >= selection.reference.score:
+            continue  # Explains no more than nominal numbers do.
         response = projected_response(selector.fitter, rival.fit, selection.reference.fit)
         verdict.angles[f"{best.key} | {rival.key}"] = angle(winner, response)
         gain, low, _ = selector.scores.difference(rival.fit, best.fit)

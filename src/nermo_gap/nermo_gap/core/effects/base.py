@@ -121,6 +121,10 @@ class Effect(ABC):
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         """Enter the effect with the given parameter values into ``variant``, in place."""
 
+    def alternatives(self) -> Sequence[Effect]:
+        """The same with another law, of the same parameters; tried where this one is among the best."""
+        return ()
+
     def starts(self) -> list[tuple[float, ...]]:
         """Parameter values to start from: each parameter's tries, the others at the middle of theirs."""
         if len(self.parameters) == 1:

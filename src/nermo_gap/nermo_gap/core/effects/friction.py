@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from nermo_gap.core.effects.base import (
     AtJoints,
@@ -23,17 +24,44 @@ from nermo_gap.core.effects.body import turns_alone
 from nermo_gap.core.variant import Variant
 
 Obj = mujoco.mjtObj
+Values = NDArray[np.float64]
 
 
 def _dofs(variant: Variant, joints: Sequence[int]) -> list[int]:
     return [dof_of(variant.plant.model, j) for j in joints]
 
 
+class DryFriction(Effect):
+    """Friction that sticks, as MuJoCo has it, or firm.
+
+    MuJoCo's own lets a joint creep under a load that it should hold: it takes away nine tenths of the acceleration,
+    and of the speed as much within 0.02 s. Some robots do that, others hold.
+    """
+
+    _HOLD = (0.006, 1.0)
+    _GRIP = 0.97
+
+    def alternatives(self) -> Sequence[Effect]:
+        """The other of the two."""
+        return (type(self)(self.site, self.parameters, "" if self.form else "firm"),)
+
+    def grip(self, loss: Values, solref: Values, solimp: Values, rows: Sequence[int]) -> None:
+        """Make the friction at ``rows`` firm, where it is; not what the model has, with a law of its own."""
+        new = [r for r in rows if loss[r] == 0.0] if self.form else []
+        solref[new] = self._HOLD
+        solimp[new, :2] = self._GRIP
+
+    def grip_joints(self, variant: Variant) -> None:
+        """The same at the joints of the site."""
+        model = variant.model
+        self.grip(model.dof_frictionloss, model.dof_solref, model.dof_solimp, _dofs(variant, self.site.targets))
+
+
 def _torque(context: Context, joints: Sequence[int]) -> float:
     return float(max(context.scales.torque[[dof_of(context.model, j) for j in joints]].mean(), 1e-9))
 
 
-class CoulombFriction(AtJoints):
+class CoulombFriction(DryFriction, AtJoints):
     """Dry friction that does not depend on speed or load, beyond what the model has."""
 
     name = "coulomb_friction"
@@ -44,7 +72,9 @@ class CoulombFriction(AtJoints):
             yield cls(site, by_joint(context, site, lambda joints: _friction(context, joints)))
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
-        variant.model.dof_frictionloss[_dofs(variant, self.site.targets)] += np.asarray(values)
+        dofs = _dofs(variant, self.site.targets)
+        self.grip_joints(variant)
+        variant.model.dof_frictionloss[dofs] += np.asarray(values)
 
 
 def _friction(context: Context, joints: Sequence[int]) -> Parameter:
@@ -104,7 +134,7 @@ def _damping(context: Context, joints: Sequence[int]) -> Parameter:
     return amount("damping", f"{force} s/{angle}", scale, tries, low=-0.95 * nominal / scale, high=30.0)
 
 
-class StribeckFriction(Effect):
+class StribeckFriction(DryFriction):
     """Dry friction that is larger near standstill and falls off over a small speed."""
 
     name = "stribeck_friction"
@@ -128,12 +158,13 @@ class StribeckFriction(Effect):
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         dofs = _dofs(variant, self.site.targets)
+        self.grip_joints(variant)
         variant.friction.stribeck[dofs] += values[0]
         variant.model.dof_frictionloss[dofs] += values[1]
         variant.friction.stribeck_velocity[dofs] = values[2]
 
 
-class LoadFriction(Effect):
+class LoadFriction(DryFriction):
     """Dry friction in proportion to the torque that the joint's drive transmits, as in gears."""
 
     name = "load_friction"
@@ -145,7 +176,9 @@ class LoadFriction(Effect):
             yield cls(site, [Parameter("coefficient", "1", 0.0, 0.0, 0.9, (0.04, 0.12, 0.35), 0.1)])
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
-        variant.friction.load[_dofs(variant, self.site.targets)] += values[0]
+        dofs = _dofs(variant, self.site.targets)
+        self.grip_joints(variant)
+        variant.friction.load[dofs] += values[0]
 
 
 class Armature(AtJoints):

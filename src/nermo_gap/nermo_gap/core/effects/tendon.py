@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from nermo_gap.core.effects.base import Context, Effect, Parameter, amount, named_sites
+from nermo_gap.core.effects.friction import DryFriction
 from nermo_gap.core.effects.servo import channels_of, pulls_cable
 from nermo_gap.core.plant import is_servo
 from nermo_gap.core.variant import Variant
@@ -109,7 +110,7 @@ class TendonElasticity(Effect):
                 model.actuator_biasprm[a, 2] *= softer**2
 
 
-class TendonFriction(Effect):
+class TendonFriction(DryFriction):
     """Dry friction of the cable in its routing."""
 
     name = "tendon_friction"
@@ -122,7 +123,9 @@ class TendonFriction(Effect):
                 yield cls(site, [amount("friction", "N", 0.2 * force)])
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
-        variant.model.tendon_frictionloss[list(self.site.targets)] += values[0]
+        model, tendons = variant.model, list(self.site.targets)
+        self.grip(model.tendon_frictionloss, model.tendon_solref_fri, model.tendon_solimp_fri, tendons)
+        model.tendon_frictionloss[tendons] += values[0]
 
 
 class TendonDetached(Effect):

@@ -1,0 +1,127 @@
+"""Which of several fits is preferred: the one-standard-error rule, equals in order, what one effect more must earn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nermo_gap.core.effects.link import Late
+from nermo_gap.core.hypothesis import Fit
+from nermo_gap.core.scores import PER_PARAMETER, Scored, Scores
+
+Array = NDArray[np.float64]
+
+EVIDENCE = 4.0
+"""An effect must earn this many nats beyond the price of having looked at many candidates (the log of their number)."""
+EVIDENCE_MORE = 16.0
+"""Any further effect so many: what the first one's law does not get quite right is cheap for some other to take."""
+RELEVANT = 0.10
+"""An effect must take at least this share of the gap (or as much strain off the priors as EVIDENCE)."""
+MORE = 0.3
+"""Any further effect must take this share of what the typical window is left with above the noise floor."""
+UNEXPLAINED = 2.0
+"""[noise floors] An effect that is the cause leaves a typical window with no more."""
+TIE = 0.5
+"""[nats] Closer than this, two hypotheses predict the same."""
+CLOSE, LEAD = 3.0, 0.1
+"""Rivals nearer than so many nats, or than this share of what the winner explains, are not told apart, whatever the
+bootstrap says: no effect of a library is quite what a robot has, and the wrong one may bend a little better."""
+FINALISTS = 5
+
+
+def indistinct(gain: float) -> float:
+    """How far [nats] behind a winner that gains ``gain`` a rival is not told from it."""
+    return max(CLOSE, LEAD * gain)
+
+
+def _extremities(fit: Fit) -> Array:
+    """How far each parameter of a fit is from neutral, in its strongest try."""
+    away: Array = np.abs(fit.x - fit.hypothesis.vector("neutral")) / np.maximum(fit.hypothesis.vector("strong"), 1e-300)
+    return away
+
+
+def _kinds(fit: Fit) -> list[str]:
+    return sorted(e.name for e in fit.hypothesis.effects)
+
+
+def by_chance(fit: Fit) -> bool:
+    """Whether an effect of a fit is a matter of chance."""
+    return any(isinstance(e, Late) for e in fit.hypothesis.effects)
+
+
+def special_case(simple: Fit, rich: Fit) -> bool:
+    """Whether two fits differ in one effect, at one site, whose law the rich one generalises."""
+    one = {(e.name, e.site.name) for e in simple.hypothesis.effects}
+    two = {(e.name, e.site.name) for e in rich.hypothesis.effects}
+    lost, gained = one - two, two - one
+    return len(lost) == len(gained) == 1 and any(
+        (a[0], b[0]) in _CONTAINS and a[1] == b[1] for a in lost for b in gained
+    )
+
+
+def _parts(fit: Fit) -> int:
+    """How many parts of the robot the effects of a fit change."""
+    return sum(len(e.site.targets) for e in fit.hypothesis.effects)
+
+
+_CONTAINS = {("coulomb_friction", "stribeck_friction")}
+"""(special case, law)."""
+
+
+def simplest(scores: Scores, scored: Sequence[Scored], without: Scored) -> Scored | None:
+    """One-standard-error rule: of those within one standard error of the best, the one with fewest parameters.
+
+    And of the same effects at fewer parts, any that cannot be told from it: values for joints that have nothing
+    take up what nominal numbers are off, and so seem to earn a little. Likewise the special case of a law before
+    the law, and before a link of chance what is late without it: chance has to show (`Chance`).
+    """
+    if not scored:
+        return None
+    best = scored[0]
+    chosen = best
+    for rival in scored[1:FINALISTS]:
+        gain = scores.costs(rival.fit) - scores.costs(best.fit)
+        simpler = rival.fit.hypothesis.size < chosen.fit.hypothesis.size
+        if simpler and gain[0] <= float(gain[1:].std()) + PER_PARAMETER:
+            chosen = rival
+    close = best.score + indistinct(without.score - best.score)
+    for rival in scored[1:FINALISTS]:
+        if _kinds(rival.fit) == _kinds(chosen.fit) and _parts(rival.fit) < _parts(chosen.fit):
+            chosen = rival if rival.score < close else chosen
+    # Names for the same change: the one at fewer parts, or that has to be less extreme.
+    for rival in scored[1:FINALISTS]:
+        same = rival.fit.hypothesis.size == chosen.fit.hypothesis.size and rival.score < chosen.score + TIE
+        fewer = _parts(rival.fit) - _parts(chosen.fit)
+        milder = _extremities(rival.fit).max(initial=0.0) < 0.7 * _extremities(chosen.fit).max(initial=0.0)
+        if same and (fewer < 0 or (fewer == 0 and milder)):
+            chosen = rival
+    for rival in scored[1:FINALISTS]:
+        law = rival.score < close and special_case(rival.fit, chosen.fit)
+        sure = rival.score < chosen.score + CLOSE and by_chance(chosen.fit) and not by_chance(rival.fit)
+        if law or sure:
+            chosen = rival
+    return chosen
+
+
+def earns(scores: Scores, without: Scored, with_: Scored, looked_at: int) -> bool:
+    """Whether the larger hypothesis is worth having.
+
+    Of one effect more, a good part of what is left above the noise floor is asked: nothing is quite as its model
+    says (a friction's law, a servo's), and there is always some effect that takes a little of that.
+    """
+    gain, low, _ = scores.difference(without.fit, with_.fit)
+    if without.fit.likelihood is None and with_.fit.likelihood is None:
+        # In sample flatters: what is not earned there is an accident of the folds.
+        gain = min(gain, without.fit.cost - with_.fit.cost)
+    before, after = (scores.typical(s.fit.held) for s in (without, with_))
+    strain = without.fit.prior - with_.fit.prior
+    if without.fit.hypothesis.effects:
+        relevant = after - 1.0 < (1.0 - MORE) * (before - 1.0)
+        relevant |= bool(without.fit.strained) and strain > EVIDENCE
+    else:
+        left = 1.0 - RELEVANT
+        relevant = with_.gap < left * without.gap or after < left * before or strain > EVIDENCE
+    evidence = EVIDENCE_MORE if without.fit.hypothesis.effects else EVIDENCE
+    return gain > evidence + np.log(max(looked_at, 1)) and low > 0.0 and relevant
