@@ -130,6 +130,7 @@ class HighLevelController:
         """Distance from the line or path in the last step [m], positive left of it."""
         self._turn, self._turn_clipped = 0.0, False
         self._last_stamp: int | None = None
+        self._late = False
         self.warnings: tuple[str, ...] = ()
         """What had to be clipped or refused in the last step, in words."""
         self._adopt(gait_parameters)
@@ -179,7 +180,11 @@ class HighLevelController:
         self._inbox.take(stamp, command, warnings)
 
         wish = self._inbox.command
-        if wish is None or (wish.posture == Posture.WALK and not self._inbox.fresh(stamp)):
+        late = wish is not None and wish.posture == Posture.WALK and not self._inbox.fresh(stamp)
+        if late and not self._late:
+            warnings.append(f"no command for {self._config.command_timeout:g} s: the mouse stops")
+        self._late = late
+        if wish is None or late:
             wish = ControlCommand(stamp)
         motion = self._motion_command(stamp, elapsed, wish, odometry, warnings)
         self.warnings = tuple(warnings)

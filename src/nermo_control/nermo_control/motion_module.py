@@ -237,7 +237,7 @@ class MotionModule:
         self._last_stamp, self._imu, self._loads = stamp, imu, loads
 
         self._inbox.take(stamp, command, warnings)
-        self._choose_activity(stamp, self._goal(stamp), warnings)
+        self._choose_activity(stamp, self._goal(stamp, warnings), warnings)
 
         velocities = _STANDING_STILL
         if self._activity is _Activity.MOVING:
@@ -255,19 +255,24 @@ class MotionModule:
 
     # What to do now
 
-    def _goal(self, stamp: int) -> Posture | None:
+    def _goal(self, stamp: int, warnings: list[str]) -> Posture | None:
         """Posture that is wanted now; None while nothing ever was. Silence turns walking into standing still."""
         command = self._inbox.command
         if command is None:
             return None
-        if command.posture == Posture.WALK and not (self._inbox.fresh(stamp) and self._nodes_alive(stamp)):
+        if command.posture == Posture.WALK and (silent := self._silent(stamp)):
+            if self._activity is _Activity.WALKING:
+                warnings.append(f"nothing from {' and '.join(silent)} for {self._timeout * 1e-9:g} s: the mouse stops")
             return Posture.STILL
         return Posture(command.posture)
 
-    def _nodes_alive(self, stamp: int) -> bool:
-        return self._config.lockstep or (
-            len(self._alive) == 2 and all(abs(stamp - heard) <= self._timeout for heard in self._alive.values())
-        )
+    def _silent(self, stamp: int) -> list[str]:
+        """Nodes whose last message no longer counts; without all of them the mouse does not walk."""
+        silent = [] if self._inbox.fresh(stamp) else ["high_level_controller"]
+        if not self._config.lockstep:
+            sources: tuple[Source, ...] = ("gait_knowledge_base", "trajectory_generator")
+            silent += [s for s in sources if s not in self._alive or abs(stamp - self._alive[s]) > self._timeout]
+        return silent
 
     def _choose_activity(self, stamp: int, goal: Posture | None, warnings: list[str]) -> None:
         """The small state machine of this module; one transition a tick."""

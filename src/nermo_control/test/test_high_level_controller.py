@@ -169,7 +169,11 @@ def test_without_usable_odometry_the_line_is_not_held_and_that_is_said(
 def test_silence_ends_walking(controller: HighLevelController) -> None:
     assert controller.step(0, WALK, None).posture is Posture.WALK
     assert controller.step(300_000_000, WALK, None).posture is Posture.WALK
+    assert not controller.warnings
     assert controller.step(305_000_000, WALK, None).posture is Posture.STILL
+    assert controller.warnings == ("no command for 0.3 s: the mouse stops",)
+    assert controller.step(306_000_000, WALK, None).posture is Posture.STILL
+    assert not controller.warnings, "told once"
     assert controller.step(310_000_000, replace(WALK, stamp=310_000_000), None).posture is Posture.WALK
 
 

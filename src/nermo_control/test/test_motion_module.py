@@ -278,7 +278,10 @@ def test_standing_still_keeps_the_feet_where_they_are(rig: Rig) -> None:
 def test_half_a_second_after_silence_the_mouse_stands_and_walks_when_it_ends(rig: Rig, silent: str) -> None:
     rig.run(2.2, WALK)
     command = replace(WALK, stamp=rig.stamp)
-    rig.run(0.5, command, **{silent: False})
+    stopping = rig.run(0.5, command, **{silent: False})
+    node = {"repeat": "high_level_controller", "generator": "trajectory_generator"}.get(silent, "gait_knowledge_base")
+    told = [warning for output in stopping for warning in output.warnings if "nothing from" in warning]
+    assert told == [f"nothing from {node} for 0.3 s: the mouse stops"]
     assert_on_four_feet(rig)
     assert is_still(rig.run(1.0, command, **{silent: False}))
     assert is_walking(rig.run(1.0, WALK))
