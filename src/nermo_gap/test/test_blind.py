@@ -5,8 +5,10 @@ from __future__ import annotations
 import functools
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ from numpy.typing import NDArray
 from nermo_gap.blind.cases import SMALL, Case, draw, robot_of, simulate, told
 from nermo_gap.blind.faults import FAULTS, UNKNOWN, Fault, Scale
 from nermo_gap.blind.make import BlindError, make
-from nermo_gap.blind.run import experiment_file, run
+from nermo_gap.blind.run import experiment_file, read_results, run
 from nermo_gap.blind.score import confusion, judged, metrics, score
 from nermo_gap.blind.settle import settle
 from nermo_gap.blind.sites import sites
@@ -167,6 +169,23 @@ def test_a_small_check_is_made_diagnosed_and_scored(tmp_path: Path) -> None:
     (answers / "000.json").write_text("{}")
     with pytest.raises(BlindError, match="not the answer that was sealed"):
         score(folder, answers, out)
+
+
+@pytest.mark.timeout(300)
+def test_an_interrupted_run_ends_at_once_and_keeps_what_is_done(tmp_path: Path) -> None:
+    folder, answers, out = tmp_path / "check", tmp_path / "sealed", tmp_path / "results"
+    make(folder, answers, 6, seed=SMALL_CHECK, robots=("pendulum",), seconds=6.0, workers=2)
+    command = [sys.executable, "-m", "nermo_gap.blind", "diagnose", folder, "--out", out, "--workers", "1"]
+    running = subprocess.Popen([str(word) for word in command], start_new_session=True)
+    while not read_results(out):
+        assert running.poll() is None
+        time.sleep(0.05)
+    os.killpg(running.pid, signal.SIGINT)
+    assert running.wait(timeout=60) != 0
+    found = read_results(out)
+    assert 0 < len(found) < 6 and {row["status"] for row in found.values()} == {"done"}
+    found = run(folder, out, threads=1, baselines=False, only=["mass"], cases=[*sorted(found)[:1], "005"])
+    assert found["005"]["status"] == "done"
 
 
 # -- the score ---------------------------------------------------------------------------------------------------------

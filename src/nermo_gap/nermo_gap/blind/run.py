@@ -62,8 +62,9 @@ def run(
 ) -> dict[str, dict[str, Any]]:
     """Diagnose what has no result yet; a line of JSON a case is appended to ``out``/results.jsonl as it comes.
 
-    ``answers`` are places that must not be readable; each process tries. ``budget`` [s]: no case is begun later than
-    this, and those under way are stopped then, to be resumed another time. ``keep`` keeps each full diagnosis.json.
+    ``cases`` are taken in this order. ``answers`` are places that must not be readable; each process tries. ``budget``
+    [s]: no case is begun later than this, and those under way are stopped then, to be resumed another time. ``keep``
+    keeps each full diagnosis.json.
 
     Raises:
         BlindError: no check, answers within reach, or unknown cases.
@@ -78,11 +79,11 @@ def run(
     out.mkdir(parents=True, exist_ok=True)
     done = read_results(out)
     todo = [i for i in (cases or ids) if done.get(i, {}).get("status") not in ("done", "refused")]
-    # The slow ones first, so that no worker is left alone with them at the end.
-    sizes = {i: sum(f.stat().st_size for f in (folder / "data" / i).glob("recording.*")) for i in todo}
-    todo.sort(key=lambda i: -sizes[i])
+    if not cases:
+        # The slow ones first, so that no worker is left alone with them at the end.
+        todo.sort(key=lambda i: -sum(f.stat().st_size for f in (folder / "data" / i).glob("recording.*")))
     options = {"threads": threads, "baselines": baselines, "only": list(only), "answers": [str(a) for a in answers]}
-    lock, begun = threading.Lock(), time.monotonic()
+    lock, stopped, begun = threading.Lock(), threading.Event(), time.monotonic()
     left = (lambda: float("inf")) if budget is None else (lambda: budget - (time.monotonic() - begun))
 
     def one(case: str) -> dict[str, Any] | None:
@@ -90,18 +91,24 @@ def run(
         if remaining < 1.0:
             return None
         row = _diagnose(folder / "data" / case, out, options, min(timeout, remaining), keep)
-        if row["status"] == "timeout" and remaining < timeout:
+        if stopped.is_set() or (row["status"] == "timeout" and remaining < timeout):
             return None
         with lock, results_file(out).open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
         return row
 
-    with ThreadPoolExecutor(max(workers, 1)) as pool:
+    pool = ThreadPoolExecutor(max(workers, 1))
+    try:
         futures = [pool.submit(one, case) for case in todo]
         for finished, future in enumerate(as_completed(futures), 1):
             row = future.result()
             if row is not None and progress:
                 progress(row, finished, len(todo))
+    except KeyboardInterrupt:
+        stopped.set()  # What is under way was interrupted too, and waits for the next call.
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
     return read_results(out)
 
 
