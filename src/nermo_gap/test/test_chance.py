@@ -39,6 +39,10 @@ def _rub(model: mujoco.MjModel) -> None:
     model.dof_frictionloss[:] += 0.15
 
 
+def _rub_cable(model: mujoco.MjModel) -> None:
+    model.tendon_frictionloss[:] += 4.0
+
+
 def test_the_first_glance_keeps_what_a_robot_has_but_one_of() -> None:
     """Its start may be far too large (a slope, on a robot that has walked away), but there is no crowd of it."""
     plant, aligned, floor = aligned_of("cart_pole", simulate("cart_pole", 6.0))
@@ -109,3 +113,13 @@ def test_of_two_laws_of_friction_the_simple_one_is_named() -> None:
     report = diagnose([recording_from_table(table, plant)], plant, options).report
     assert [e["name"] for e in report["effects"]] == ["coulomb_friction"]
     assert report["verdict"] == "effect"
+
+
+def test_of_equals_the_one_that_could_act_nowhere_else_comes_first() -> None:
+    """Friction of the only cable and of the joint that it moves are one change here; joints there are two."""
+    table = simulate("finger", 10.0, change=_rub_cable)
+    plant = plant_of("finger")
+    options = Options(only=("coulomb_friction", "tendon_friction"), baselines=False, threads=1)
+    report = diagnose([recording_from_table(table, plant)], plant, options).report
+    assert [e["name"] for e in report["effects"]] == ["tendon_friction"], report["reasons"]
+    assert any("coulomb_friction@knuckle" in names for names in report["equivalent"])

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nermo_gap.core.effects.base import Effect
 from nermo_gap.core.effects.link import Late
 from nermo_gap.core.hypothesis import Fit
 from nermo_gap.core.scores import PER_PARAMETER, Scored, Scores
@@ -70,12 +72,27 @@ _CONTAINS = {("coulomb_friction", "stribeck_friction")}
 """(special case, law)."""
 
 
-def simplest(scores: Scores, scored: Sequence[Scored], without: Scored) -> Scored | None:
+def places(effects: Sequence[Effect]) -> Counter[str]:
+    """At how many sites each kind of effect can act."""
+    return Counter(name for name, _ in {(e.name, e.site.name) for e in effects})
+
+
+def _surprise(fit: Fit, sites: Counter[str]) -> float:
+    """[nats] All kinds of effects are equally likely, and each kind wherever it can act.
+
+    So a cable's friction, of which a robot with one cable has one place, is likelier than friction at just that one of
+    four joints which the cable moves.
+    """
+    return float(sum(np.log(max(sites[e.name], 1)) for e in fit.hypothesis.effects))
+
+
+def simplest(scores: Scores, scored: Sequence[Scored], without: Scored, sites: Counter[str]) -> Scored | None:
     """One-standard-error rule: of those within one standard error of the best, the one with fewest parameters.
 
     And of the same effects at fewer parts, any that cannot be told from it: values for joints that have nothing
-    take up what nominal numbers are off, and so seem to earn a little. Likewise the special case of a law before
-    the law, and before a link of chance what is late without it: chance has to show (`Chance`).
+    take up what nominal numbers are off, and so seem to earn a little. Of equals the one that is less of a surprise:
+    ``sites`` says at how many `places` each kind can act. Likewise the special case of a law before the law, and
+    before a link of chance what is late without it: chance has to show (`Chance`).
     """
     if not scored:
         return None
@@ -96,6 +113,11 @@ def simplest(scores: Scores, scored: Sequence[Scored], without: Scored) -> Score
         fewer = _parts(rival.fit) - _parts(chosen.fit)
         milder = _extremities(rival.fit).max(initial=0.0) < 0.7 * _extremities(chosen.fit).max(initial=0.0)
         if same and (fewer < 0 or (fewer == 0 and milder)):
+            chosen = rival
+    for rival in scored[:FINALISTS]:
+        same = rival.fit.hypothesis.size == chosen.fit.hypothesis.size and _parts(rival.fit) == _parts(chosen.fit)
+        less = _surprise(chosen.fit, sites) - _surprise(rival.fit, sites)
+        if same and less > 0.0 and rival.score < chosen.score + min(less, CLOSE):
             chosen = rival
     for rival in scored[1:FINALISTS]:
         law = rival.score < close and special_case(rival.fit, chosen.fit)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -14,6 +13,7 @@ from nermo_gap.core.effects.base import Effect
 from nermo_gap.core.fit import MANY, Fitter
 from nermo_gap.core.hypothesis import Fit
 from nermo_gap.core.nuisance import BOX
+from nermo_gap.core.preference import places
 from nermo_gap.core.windows import HORIZON
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ def screen(
         few = informative_windows(fitter, fit, _GLANCE_CROWD if crowd else _GLANCE)
         ranked = _ranked(fitter, fit, chosen, starts, few, progress, (0.0, 0.6), crowd)
         # What a robot has but one of (its ground, its link) is no crowd.
-        sites = Counter(name for name, _ in {(e.name, e.site.name) for e in chosen})
+        sites = places(chosen)
         hope = ranked[:hopeful] + [s for s in ranked[hopeful:] if sites[s.effect.name] == 1]
         chosen, done = [s.effect for s in hope], 0.6
     starts = {id(e): e.starts() for e in chosen}

@@ -14,7 +14,7 @@ from nermo_gap.core.effects.growing import MIN_DURATION, Growing
 from nermo_gap.core.fit import Fitter
 from nermo_gap.core.hypothesis import Fit, Hypothesis
 from nermo_gap.core.nuisance import BOX
-from nermo_gap.core.preference import EVIDENCE, FINALISTS, earns, indistinct, simplest
+from nermo_gap.core.preference import EVIDENCE, FINALISTS, earns, indistinct, places, simplest
 from nermo_gap.core.scores import Scored, Scores
 from nermo_gap.core.screen import Screened, informative_windows, screen
 
@@ -99,6 +99,7 @@ class Selector:
         self._effort = effort or Effort()
         self.fitter, self.effects, self._progress = fitter, list(effects), progress
         self.scores = Scores(fitter, seed)
+        self._sites = places(self.effects)
 
     def hidden(self, selection: Selection) -> float:
         """What the data would gain if nominal numbers might be off twice as far, as a share of what the effect gains.
@@ -125,11 +126,11 @@ class Selector:
         )
         result = Selection(reference, float(self.scores.gaps(nominal_square)[0]), reference, singles, [], [], screened)
         self.nominal_square = nominal_square
-        winner = simplest(self.scores, singles, reference)
+        winner = simplest(self.scores, singles, reference, self._sites)
         if winner is None or not earns(self.scores, reference, winner, len(self.effects)):
             return result
         singles, winner = self._followed(singles, winner, reference)
-        result.best, result.rivals = winner, singles
+        result.best, result.singles, result.rivals = winner, singles, singles
         result.gains.append(self.scores.difference(reference.fit, winner.fit))
         while len(result.best.fit.hypothesis.effects) < self._effort.max_effects:
             enough = self.scores.typical(result.best.fit.held) < ENOUGH and not result.best.fit.strained
@@ -281,7 +282,7 @@ class Selector:
         polished += [self.scores.scored(fitter.polish(f.fit)) for f in self._forms(min(polished, key=_score).fit)]
         keys = {p.key for p in polished}
         pairs = sorted([*polished, *(p for p in pairs if p.key not in keys)], key=_score)
-        best = simplest(self.scores, pairs, base)
+        best = simplest(self.scores, pairs, base, self._sites)
         if best is None or not earns(self.scores, base, best, len(others)):
             return False
         result.gains.append(self.scores.difference(base.fit, best.fit))
@@ -341,7 +342,7 @@ class Selector:
         close = scored[0].score + indistinct(without.score - scored[0].score)
         tied = [i < FINALISTS and (s.score < close or s is winner) for i, s in enumerate(scored)]
         again = sorted((self._follow(s) if t else s for s, t in zip(scored, tied, strict=True)), key=_score)
-        chosen = simplest(self.scores, again, without)
+        chosen = simplest(self.scores, again, without, self._sites)
         assert chosen is not None
         return again, chosen
 
