@@ -34,8 +34,8 @@ def _dofs(variant: Variant, joints: Sequence[int]) -> list[int]:
 class DryFriction(Effect):
     """Friction that sticks, as MuJoCo has it, or firm.
 
-    MuJoCo's own lets a joint creep under a load that it should hold: it takes away nine tenths of the acceleration,
-    and of the speed as much within 0.02 s. Some robots do that, others hold.
+    MuJoCo's own is a soft constraint: a joint creeps under a load that it should hold. Firm, it creeps about a tenth
+    as fast (3 N against 4 N of friction on 1 kg). Some robots do the one, some the other.
     """
 
     _HOLD = (0.006, 1.0)
