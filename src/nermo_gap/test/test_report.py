@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from matplotlib.text import Annotation
 from robots import plant_of, simulate
 
 from nermo_gap.core.diagnose import Diagnosis, Options, diagnose
@@ -132,6 +133,18 @@ def test_any_shape_is_drawn_and_coloured_by_its_gap() -> None:
     assert "a part" in svg(figure)
     marked = draw_robot(model, qpos, {}, {}, [1]).axes[0].patches
     assert {p.get_edgecolor() for p in marked[:6]}.isdisjoint({p.get_edgecolor() for p in cold[:6]})
+
+
+def test_a_name_hangs_at_the_middle_of_its_part_wherever_its_mass_lies() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint axis="0 1 0"/><inertial pos="0 0 -1" mass="1" diaginertia="1 1 1"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -1" size="0.05"/></body></worldbody></mujoco>"""
+    )
+    figure = draw_robot(model, np.array(model.qpos0), {}, {1: "link"})
+    (patch,), (text,) = figure.axes[0].patches, figure.axes[0].texts
+    corners = patch.get_path().vertices
+    assert isinstance(text, Annotation)
+    assert np.allclose(text.xy, 0.5 * (corners.min(axis=0) + corners.max(axis=0)), atol=1e-6)
 
 
 def test_a_page_that_cannot_be_written_is_said(found: Diagnosis, evidence: Evidence, tmp_path: Path) -> None:

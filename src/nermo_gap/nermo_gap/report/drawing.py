@@ -49,7 +49,9 @@ def draw_robot(
     axes = figure.subplots()
     for _, body, outline in sorted(shapes, key=lambda s: s[0]):
         axes.add_patch(_patch(outline, heat.get(body), body in causes))
-    _label(axes, data, labels, right, up, (float(low[0]), float(high[0])), size)
+    drawn = {b: np.concatenate([s for _, body, s in shapes if body == b] or [_at(data, b, right, up)]) for b in labels}
+    places = {b: 0.5 * (points.min(axis=0) + points.max(axis=0)) for b, points in drawn.items()}
+    _label(axes, places, labels, (float(low[0]), float(high[0])), size)
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.margins(0.06)
@@ -109,6 +111,11 @@ def _outline(model: mujoco.MjModel, data: mujoco.MjData, g: int, right: Array, u
         return None
 
 
+def _at(data: mujoco.MjData, body: int, right: Array, up: Array) -> Array:
+    """Where the centre of mass of a body lies on the picture plane, (1, 2)."""
+    return np.array([[data.xipos[body] @ right, data.xipos[body] @ up]])
+
+
 def _patch(outline: Array, heat: float | None, cause: bool) -> Polygon:
     colour = UNSEEN if heat is None else to_hex(HEAT(heat))
     edge, width = (to_rgb(AFTER), 2.4) if cause else (tuple(0.55 * c for c in to_rgb(colour)), 0.8)
@@ -124,15 +131,12 @@ def _bounds(outlines: list[Array]) -> tuple[Array, Array]:
 
 def _label(
     axes: Axes,
-    data: mujoco.MjData,
+    places: Mapping[int, Array],
     labels: Mapping[int, str],
-    right: Array,
-    up: Array,
     sides: tuple[float, float],
     size: float,
 ) -> None:
-    """Names beside the parts, left and right of the robot in turn, in the order of their height."""
-    places = {b: np.array([data.xipos[b] @ right, data.xipos[b] @ up]) for b in labels}
+    """Names beside the parts at ``places``, left and right of the robot in turn, in the order of their height."""
     if not places:
         return
     middle = 0.5 * sum(sides)
