@@ -78,8 +78,6 @@ class Options:
     (`horizon.py`)."""
     resolution: dict[str, float] = field(default_factory=dict)
     """Least noise floor by output [unit of the channel]: what its sensor can resolve, however quiet it looks."""
-    trusted: tuple[str, ...] = ()
-    """Joints whose measured start of a window is taken as it is (a stiff servo forgets an error at once)."""
     phases: Phases | None = None
     """Phases of each channel's motion for `where`; by the channel's own speed where None."""
     menu: Menu | None = None
@@ -127,7 +125,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     size = np.sqrt((aligned.inputs**2).mean(axis=0))
     nuisances = options.nuisances(plant, aligned.outputs.std(axis=0), size, aligned.period)
     check_replay(plant, aligned.outputs[windows.rows()], replayer.run([nominal])[0])
-    residuals = Residuals.build(replayer, nominal, trusted=options.trusted)
+    residuals = Residuals.build(replayer, nominal)
     fitter = Fitter(residuals, nuisances)
     effort = options.effort or (HEAVY if plant.model.nv > LIGHT else Effort())
     selector = Selector(fitter, effects, options.seed, options.progress, effort)

@@ -160,7 +160,7 @@ def _expected_gain(
     first = fits[0]
     there = Replayer(replayer.plant, made, windows, replayer.floor, replayer.threads)
     truth = fitter.variant(first.hypothesis, first.x, first.z)
-    local = Fitter(Residuals.build(there, truth, trusted=fitter.residuals.trusted), fitter.nuisances)
+    local = Fitter(Residuals.build(there, truth), fitter.nuisances)
     local.independent = fitter.independent.copy()
     residual = local.replay(first.hypothesis, [(first.x, first.z)])[0]
     # Of many nuisances those that the winner did not need stay where they are.

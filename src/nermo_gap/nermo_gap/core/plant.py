@@ -123,6 +123,9 @@ class Plant:
     outputs: tuple[OutputChannel, ...]
     map: Map
     warnings: list[str] = field(default_factory=list)
+    free: frozenset[str] = frozenset()
+    """Joints whose measured position is not put in place where a window starts. A stiff servo's command says better
+    where it is, and where a cable holds a spring a noise deviation of slack would let it go."""
 
     def read(self, sensordata: Array) -> Array:
         """Output channels (..., no) from sensordata (..., nsensordata)."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -56,8 +55,6 @@ class Residuals:
     mask: NDArray[np.bool_]
     _basis: Array
     _shrink: Array
-    _doubted: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
-    trusted: tuple[str, ...] = ()
     input_error: float = 0.0
     """Size of the wander of measured inputs, in their root mean square."""
     chance: tuple[Array, Array] | None = None
@@ -66,24 +63,15 @@ class Residuals:
     """Factor (nw, ns, nl) by which landings raise the noise floor."""
 
     @classmethod
-    def build(
-        cls, replayer: Replayer, reference: Variant, start: bool = True, trusted: Collection[str] = ()
-    ) -> Residuals:
-        """Prepare for one recording; ``reference`` is the variant about which the start's influence is computed.
-
-        ``trusted`` are joints whose measured start is taken as it is.
-        """
+    def build(cls, replayer: Replayer, reference: Variant, start: bool = True) -> Residuals:
+        """Prepare for one recording; ``reference`` is the variant about which the start's influence is computed."""
         rows = replayer.windows.rows()
         live = np.flatnonzero(replayer.aligned.live)
         measured, mask = replayer.aligned.outputs[rows][..., live], replayer.aligned.valid[rows][..., live]
         size = mask.shape[1] * mask.shape[2]
         made = cls(replayer, live, measured, mask, np.zeros((len(rows), size, 0)), np.zeros((len(rows), 0)))
-        state, model = replayer.state, replayer.plant.model
-        joints = [model.joint(int(model.dof_jntid[dof])).name for dof in state.dof]
-        doubted = [i for i in range(state.size) if i >= len(joints) or joints[i] not in trusted]
-        made._doubted, made.trusted = np.array(doubted, np.int64), tuple(trusted)
-        if start and doubted:
-            if colliding(model)[0]:
+        if start and replayer.state.size:
+            if colliding(replayer.plant.model)[0]:
                 made._open = np.sqrt(1.0 + made._scatter(reference))
             made.update_start(reference)
         return made
@@ -151,13 +139,13 @@ class Residuals:
 
     def _responses(self, reference: Variant) -> tuple[Array, Array, Array, Array]:
         """Responses (nw, m, k) of one model to errors of the start and of measured inputs; its residual (nw, m)."""
-        state, nw, which_coordinates = self.replayer.state, len(self.replayer.windows), self._doubted
+        state, nw = self.replayer.state, len(self.replayer.windows)
         sd, rate_sd = state.start_sd
-        nm = len(which_coordinates)
+        nm = state.size
         count = 1 + 2 * nm
-        shift, rate_shift = np.zeros((count, state.size)), np.zeros((count, state.size))
-        shift[1 : 1 + nm] = np.diag(_START_SD * sd)[which_coordinates]
-        rate_shift[1 + nm :] = np.diag(_START_SD * rate_sd)[which_coordinates]
+        shift, rate_shift = np.zeros((count, nm)), np.zeros((count, nm))
+        shift[1 : 1 + nm] = np.diag(_START_SD * sd)
+        rate_shift[1 + nm :] = np.diag(_START_SD * rate_sd)
         window = np.tile(np.arange(nw), count)
         which = np.zeros(count * nw, np.int64)
         outputs = self.replayer.run_pairs(

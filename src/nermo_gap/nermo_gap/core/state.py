@@ -21,7 +21,7 @@ _SMOOTHING = 0.025
 
 @dataclass(frozen=True)
 class MeasuredState:
-    """Coordinates of the model that the recording measures, on its grid.
+    """Coordinates of the model that the recording measures, on its grid; without joints that are left free.
 
     Attributes:
         qpos, dof: (nm,) addresses of the measured scalar coordinates; qpos is -1 where only the rate is measured.
@@ -81,7 +81,7 @@ def measured_state(plant: Plant, aligned: Aligned, floor: Array, outputs: Array 
         elif channel.dof >= 0:
             old = by_dof.get(channel.dof, (-1, -1, -1))
             by_dof[channel.dof] = (old[0], old[1], i)
-    columns = [(dof, *by_dof[dof]) for dof in sorted(by_dof)]
+    columns = [(dof, *by_dof[dof]) for dof in sorted(by_dof) if _joint_of(plant.model, dof) not in plant.free]
     n, nm = len(aligned.time), len(columns)
     position, velocity = np.zeros((n, nm)), np.zeros((n, nm))
     position_sd, velocity_sd = np.zeros(nm), np.zeros(nm)
@@ -115,6 +115,10 @@ def measured_state(plant: Plant, aligned: Aligned, floor: Array, outputs: Array 
         pose_sd,
         twist_sd,
     )
+
+
+def _joint_of(model: mujoco.MjModel, dof: int) -> str:
+    return str(model.joint(int(model.dof_jntid[dof])).name)
 
 
 def _dof_of_qpos(model: mujoco.MjModel, qpos: int) -> int:

@@ -15,7 +15,7 @@ from nermo_description.parameters import LEGS, RobotParameters
 from nermo_description.robots import load_robot
 from nermo_gap.core.diagnose import Diagnosis, Options, diagnose
 from nermo_gap.core.errors import GapInputError
-from nermo_gap.core.plant import OutputChannel, Plant, build_plant, model_names
+from nermo_gap.core.plant import OutputChannel, Plant, build_plant
 from nermo_gap.core.recording import load_table, recording_from_table
 from nermo_gap.robots.channels import Channels, resolution, robot_map
 from nermo_gap.robots.mcap_table import mcap_table, recorded_robot
@@ -26,15 +26,16 @@ from nermo_gap.robots.sites import groups, nuisances, worth_a_look
 
 Array = NDArray[np.float64]
 
-TIME_STEP = 0.002
-"""[s] of the replay; contacts and limits are twice as long as that."""
+COARSE_STEP = 0.002
+"""[s] of the replay where no servo reports; contacts and limits are twice as long as that. What servos report tells
+such a step from the twin's own: a knee's torque is three noise floors off in it."""
 HORIZON = 0.8
 """[s] of a window: two thirds of a stride. What a fault does to the body adds up from step to step: in windows twice as
 long as a third of a stride it shows 1.4 times as far above the noise, and an unchanged mouse is replayed as well."""
 WINDOWS = 12
 """A minute of walking repeats itself; these many windows say what there is to say."""
-SERVO_JOINTS = ("_hip_joint", "_pulley_joint")
-"""Joints that a stiff servo holds: it forgets a wrong start within some hundredths of a second."""
+FREE_JOINTS = ("_hip_joint", "_pulley_joint", "_knee_joint")
+"""Joints that a stiff servo holds, by itself or with a cable against a spring."""
 
 
 def robot_plant(robot: RobotParameters, columns: Sequence[str], channels: Channels | None = None) -> Plant:
@@ -44,7 +45,8 @@ def robot_plant(robot: RobotParameters, columns: Sequence[str], channels: Channe
         GapInputError: the table commands or measures nothing.
     """
     spec = diagnosis_spec(robot)
-    spec.option.timestep = TIME_STEP
+    if not (channels or Channels.of(robot)).servos:
+        spec.option.timestep = COARSE_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     mapping = robot_map(robot, columns, channels)
     # Sensors that nobody reads cost a tenth of a step.
@@ -53,7 +55,8 @@ def robot_plant(robot: RobotParameters, columns: Sequence[str], channels: Channe
         spec.delete(sensor)
     plant = build_plant(spec, mapping)
     outputs = tuple(dataclasses.replace(output, subsystem=subsystem(output)) for output in plant.outputs)
-    return dataclasses.replace(plant, outputs=outputs)
+    free = frozenset(n for n in plant.names(mujoco.mjtObj.mjOBJ_JOINT) if n.endswith(FREE_JOINTS))
+    return dataclasses.replace(plant, outputs=outputs, free=free)
 
 
 def subsystem(output: OutputChannel) -> str:
@@ -81,7 +84,6 @@ def options_for(plant: Plant, robot: RobotParameters, columns: Sequence[str], ba
         max_windows=base.max_windows or WINDOWS,
         horizon=HORIZON,
         resolution=resolution(columns),
-        trusted=tuple(n for n in model_names(plant.model, mujoco.mjtObj.mjOBJ_JOINT) if n.endswith(SERVO_JOINTS)),
         phases=gait_phases,
         menu=MouseMenu(robot),
     )

@@ -16,6 +16,7 @@ from nermo_gap.core.effects.contact import colliding, lean
 from nermo_gap.core.nuisance import Nuisance
 from nermo_gap.core.plant import Plant, model_names
 from nermo_gap.core.variant import Variant
+from nermo_gap.robots.channels import GYRO
 
 Array = NDArray[np.float64]
 Obj = mujoco.mjtObj
@@ -100,6 +101,12 @@ def nuisances(plant: Plant, output_swing: Array, input_size: Array, period: floa
     """Nominal numbers of the mouse with their priors: those of the core, but parts that are alike move together."""
     model = plant.model
     found = [Nuisance("timing of inputs", _timing(prior.TIMING * (period + float(model.opt.timestep))))]
+    # What comes over the servos' bus, and from the IMU, was measured before it was stamped.
+    age = prior.TIMING * (period + float(model.opt.timestep))
+    for label, kind in (("servo reports", ("_position", "_torque", "_encoder")), ("IMU", GYRO)):
+        late = [i for i, output in enumerate(plant.outputs) if output.name.endswith(kind)]
+        if late:
+            found.append(Nuisance(f"age of {label}", _age(late, age)))
     bodies = {name: i for i, name in enumerate(model_names(model, Obj.mjOBJ_BODY))}
     torsos = [bodies["torso"], bodies["rear_torso"]]
     limbs = [i for i in bodies.values() if i and i not in torsos]
@@ -196,6 +203,13 @@ def _softness(geoms: Sequence[int]) -> Apply:
 def _timing(sd: float) -> Apply:
     def apply(variant: Variant, z: float) -> None:
         variant.inputs.delay += sd * z
+
+    return apply
+
+
+def _age(channels: Sequence[int], sd: float) -> Apply:
+    def apply(variant: Variant, z: float) -> None:
+        variant.outputs.lead[list(channels)] -= sd * z
 
     return apply
 
