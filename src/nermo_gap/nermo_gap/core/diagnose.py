@@ -40,7 +40,7 @@ from nermo_gap.core.structure import REPEATS, predictable_share, repeating_share
 from nermo_gap.core.variant import Variant
 from nermo_gap.core.verdict import Verdict, judge
 from nermo_gap.core.where import Phases, bands, locate
-from nermo_gap.core.windows import HORIZON, HORIZON_HEAVY, LIGHT, affordable, at_limit, cut
+from nermo_gap.core.windows import HORIZON, HORIZON_HEAVY, LIGHT, WARM_UP, affordable, at_limit, cut
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -76,6 +76,8 @@ class Options:
     horizon: float | None = None
     """[s] of a window, by default as long as the model is worth; shorter where the robot blows up an error of its start
     (`horizon.py`)."""
+    warm_up: float = WARM_UP
+    """[s] before a window in which the model is held to the measurement."""
     resolution: dict[str, float] = field(default_factory=dict)
     """Least noise floor by output [unit of the channel]: what its sensor can resolve, however quiet it looks."""
     phases: Phases | None = None
@@ -157,12 +159,12 @@ def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, op
     most = options.max_windows or affordable(plant.model)
     longest = options.horizon or (HORIZON if plant.model.nv <= LIGHT else HORIZON_HEAVY)
     avoided = at_limit(aligned, floor)
-    made = Replayer(plant, aligned, cut(aligned, longest, most=most, avoided=avoided), floor, options.threads)
+    made = Replayer(plant, aligned, cut(aligned, longest, options.warm_up, most, avoided), floor, options.threads)
     horizon = usable_horizon(made, nominal)
     if horizon > 0.9 * longest:
         return made
     # As many seconds of motion in shorter windows.
-    windows = cut(aligned, horizon, most=round(most * longest / horizon), avoided=avoided)
+    windows = cut(aligned, horizon, options.warm_up, round(most * longest / horizon), avoided)
     return Replayer(plant, aligned, windows, floor, options.threads)
 
 

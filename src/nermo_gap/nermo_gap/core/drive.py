@@ -76,7 +76,7 @@ class Drive:
 
 
 class Follow:
-    """Puts the measured coordinates of every simulation where the robot was."""
+    """Puts the measured coordinates of every simulation where the robot was, late ones from ``late_from`` [rows] on."""
 
     def __init__(
         self,
@@ -85,6 +85,7 @@ class Follow:
         origin: Ints,
         batch: mjbatch.Batch,
         stops: Ints | None = None,
+        late_from: float = np.inf,
     ) -> None:
         self._index, self._origin, self._stops = index, origin, stops
         # Views: looked up once, since this runs at every step.
@@ -92,8 +93,11 @@ class Follow:
         first = states[0]
         self._position = np.stack([s.position for s in states])
         self._velocity = np.stack([s.velocity for s in states])
-        self._known = first.qpos >= 0
-        self._qpos, self._dof, self._base = first.qpos[self._known], first.dof, first.base
+        self._qpos, self._dof, self._base, self._late_from = first.qpos, first.dof, first.base, late_from
+        # Coordinates that are placed, and that are given a rate.
+        self._early, self._all = (
+            (np.flatnonzero(now & (first.qpos >= 0)), np.flatnonzero(now)) for now in (~first.late, first.dof >= 0)
+        )
         self._pose = np.stack([s.pose for s in states])
         self._twist = np.stack([s.twist for s in states])
 
@@ -108,8 +112,9 @@ class Follow:
             value = _between(self._position, self._index, row, share) + (0.0 if shift is None else shift[:, :nm])
             rate = _between(self._velocity, self._index, row, share)
             rate = rate + (0.0 if rate_shift is None else rate_shift[:, :nm])
-            qpos[:, self._qpos] = value[:, self._known]
-            qvel[:, self._dof] = rate
+            placed, moved = self._all if position >= self._late_from else self._early
+            qpos[:, self._qpos[placed]] = value[:, placed]
+            qvel[:, self._dof[moved]] = rate[:, moved]
         if self._base is not None:
             pose = _between(self._pose, self._index, row, share)
             twist = _between(self._twist, self._index, row, share)

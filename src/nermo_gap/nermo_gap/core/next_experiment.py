@@ -154,7 +154,8 @@ def _expected_gain(
         replayer.aligned, experiment.period, experiment.inputs[settled:], outputs[settled:] + noise * replayer.floor
     )
     try:
-        windows = cut(made, fitter.windows.length * replayer.aligned.period, most=max(len(fitter.windows) // 2, FEWEST))
+        horizon, warm_up = (n * replayer.aligned.period for n in (fitter.windows.length, fitter.windows.warm_up))
+        windows = cut(made, horizon, warm_up, max(len(fitter.windows) // 2, FEWEST))
     except GapInputError:
         return None
     first = fits[0]

@@ -124,8 +124,11 @@ class Plant:
     map: Map
     warnings: list[str] = field(default_factory=list)
     free: frozenset[str] = frozenset()
-    """Joints whose measured position is not put in place where a window starts. A stiff servo's command says better
-    where it is, and where a cable holds a spring a noise deviation of slack would let it go."""
+    """Joints that are never put where they were measured: where a cable holds a spring, a noise deviation of slack
+    would let it go."""
+    late: frozenset[str] = frozenset()
+    """Joints that are put where they were measured only just before a window starts. What drives them has a memory (an
+    integrator), which has to come from how they follow their commands: held, it would wind up."""
 
     def read(self, sensordata: Array) -> Array:
         """Output channels (..., no) from sensordata (..., nsensordata)."""

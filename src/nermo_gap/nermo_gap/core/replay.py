@@ -29,6 +29,8 @@ from nermo_gap.core.windows import Windows
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+LATE = 0.1
+"""[s] before a window from which coordinates whose drive has a memory are held too."""
 _MAX_BYTES = 150e6
 _MAX_SIMS = 1500
 _FATAL = tuple(int(getattr(mujoco.mjtWarning, f"mjWARN_{w}")) for w in ("INERTIA", "BADQPOS", "BADQVEL", "BADQACC"))
@@ -64,6 +66,7 @@ class Replayer:
         dt, period = float(plant.model.opt.timestep), aligned.period
         self._dt = dt
         self._lead_steps = round(windows.warm_up * period / dt)
+        self._late_from = windows.warm_up - LATE / period
         self._times = (windows.warm_up + windows.sample) * period
         self._steps = int(np.ceil(self._times[-1] / dt)) + 2
         self._run_start = np.zeros(len(windows), np.int64)
@@ -200,7 +203,9 @@ class Replayer:
         origin = self.windows.start[window] - self.windows.warm_up
         drive = Drive(self.plant, mine, paths, shared_inputs, origin, self._dt, self.aligned.period)
         drive.limits(self._run_start[window], self._run_stop[window])
-        follow = Follow(states, np.array([rows[v].state for v in which]), drive.origin, batch)
+        follow = Follow(
+            states, np.array([rows[v].state for v in which]), drive.origin, batch, late_from=self._late_from
+        )
         history = np.empty((len(which), self._steps, self.plant.model.nsensordata))
         failed = np.zeros(len(which), bool)
         if way != _ROLLS:

@@ -27,6 +27,7 @@ class MeasuredState:
         qpos, dof: (nm,) addresses of the measured scalar coordinates; qpos is -1 where only the rate is measured.
         position, velocity: (n, nm), smoothed, SI.
         position_sd, velocity_sd: (nm,) standard errors of the two.
+        late: (nm,) whether a coordinate is put in place only just before a window starts.
         base: address of the free joint's qpos and dof whose pose is measured, or None.
         pose: (n, 7) position and quaternion of that base.
         twist: (n, 6) its linear velocity (world axes) and angular velocity (body axes).
@@ -39,6 +40,7 @@ class MeasuredState:
     velocity: Array
     position_sd: Array
     velocity_sd: Array
+    late: NDArray[np.bool_]
     base: tuple[int, int] | None
     pose: Array
     twist: Array
@@ -109,6 +111,7 @@ def measured_state(plant: Plant, aligned: Aligned, floor: Array, outputs: Array 
         velocity,
         position_sd,
         velocity_sd,
+        np.array([_joint_of(plant.model, c[0]) in plant.late for c in columns], bool),
         base,
         pose,
         twist,

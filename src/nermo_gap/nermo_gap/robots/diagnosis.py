@@ -34,8 +34,11 @@ HORIZON = 0.8
 long as a third of a stride it shows 1.4 times as far above the noise, and an unchanged mouse is replayed as well."""
 WINDOWS = 12
 """A minute of walking repeats itself; these many windows say what there is to say."""
-FREE_JOINTS = ("_hip_joint", "_pulley_joint", "_knee_joint")
-"""Joints that a stiff servo holds, by itself or with a cable against a spring."""
+REPORTING_HORIZON, REPORTING_WARM_UP, REPORTING_WINDOWS = 0.4, 0.6, 15
+"""[s], [s] and number where servos report: what is wrong with one shows soon, but its integrator remembers for half a
+second."""
+SERVO_JOINTS, CABLE_JOINTS = ("_hip_joint", "_pulley_joint"), ("_knee_joint",)
+"""Joints whose servo has an integrator, and joints that a cable holds against a spring."""
 
 
 def robot_plant(robot: RobotParameters, columns: Sequence[str], channels: Channels | None = None) -> Plant:
@@ -55,8 +58,9 @@ def robot_plant(robot: RobotParameters, columns: Sequence[str], channels: Channe
         spec.delete(sensor)
     plant = build_plant(spec, mapping)
     outputs = tuple(dataclasses.replace(output, subsystem=subsystem(output)) for output in plant.outputs)
-    free = frozenset(n for n in plant.names(mujoco.mjtObj.mjOBJ_JOINT) if n.endswith(FREE_JOINTS))
-    return dataclasses.replace(plant, outputs=outputs, free=free)
+    joints = plant.names(mujoco.mjtObj.mjOBJ_JOINT)
+    free, late = (frozenset(n for n in joints if n.endswith(ends)) for ends in (CABLE_JOINTS, SERVO_JOINTS))
+    return dataclasses.replace(plant, outputs=outputs, free=free, late=late)
 
 
 def subsystem(output: OutputChannel) -> str:
@@ -76,13 +80,15 @@ def subsystem(output: OutputChannel) -> str:
 def options_for(plant: Plant, robot: RobotParameters, columns: Sequence[str], base: Options | None = None) -> Options:
     """How to diagnose this plant; ``base`` carries what does not depend on the robot."""
     base = base or Options()
+    reports = any(output.qpos >= 0 for output in plant.outputs)
     return dataclasses.replace(
         base,
         groups=groups(plant.model),
         keep=worth_a_look(plant),
         nuisances=nuisances,
-        max_windows=base.max_windows or WINDOWS,
-        horizon=HORIZON,
+        max_windows=base.max_windows or (REPORTING_WINDOWS if reports else WINDOWS),
+        horizon=REPORTING_HORIZON if reports else HORIZON,
+        warm_up=REPORTING_WARM_UP if reports else base.warm_up,
         resolution=resolution(columns),
         phases=gait_phases,
         menu=MouseMenu(robot),
