@@ -183,6 +183,17 @@ def test_dropped_samples_are_not_scored() -> None:
     assert aligned.valid[:, 0].mean() > 0.97
 
 
+def test_a_slower_channel_lacks_nothing_and_one_with_holes_does() -> None:
+    table = simulate("arm", 8.0)
+    slow = np.arange(len(table["q0"])) % 4 == 0
+    table["q0"] = np.where(slow, table["q0"], np.nan)
+    assert not any("missing" in w for w in _align("arm", table)[1].warnings)
+    lost = np.random.default_rng(0).random(len(slow)) < 0.1
+    table["q0"][lost] = np.nan
+    (warning,) = [w for w in _align("arm", table)[1].warnings if "missing" in w]
+    assert "q0" in warning and 8.0 < float(warning.split(":")[1].split("%")[0]) < 12.0
+
+
 @pytest.mark.parametrize("noise", [1e-4, 1e-3])
 def test_noise_floor_finds_white_noise(noise: float) -> None:
     _, _, floor = aligned_of("arm", simulate("arm", 10.0, noise=noise))

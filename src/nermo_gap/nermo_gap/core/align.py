@@ -106,9 +106,8 @@ def align(recording: Recording, plant: Plant) -> Aligned:
         )
     grid_time, grid_inputs, grid_outputs, valid = (np.concatenate([p[i] for p in pieces]) for i in range(4))
     grid_aux = {k: np.concatenate([p[4][k] for p in pieces]) for k in auxiliary}
-    dropped = 1.0 - valid.mean(axis=0)
-    for channel, share in zip(plant.outputs, dropped, strict=True):
-        if share > 0.01:
+    for channel, taken in zip(plant.outputs, valid.T, strict=True):
+        if (share := _missing(taken)) > 0.01:
             warnings.append(f"output {channel.name}: {100 * share:.1f} % of the samples are missing")
     live = _live(grid_outputs, valid, plant, warnings)
     return Aligned(
@@ -123,6 +122,13 @@ def align(recording: Recording, plant: Plant) -> Aligned:
         grid_aux,
         warnings,
     )
+
+
+def _missing(valid: NDArray[np.bool_]) -> float:
+    """Share of the samples that lack of a channel that is recorded in every so many rows (n,)."""
+    rows = np.flatnonzero(valid)
+    every = float(np.median(np.diff(rows))) if len(rows) > 1 else 1.0
+    return 1.0 - every * float(np.mean(valid))
 
 
 def _breaks(time: Array, segment: Array, period: float, warnings: list[str]) -> list[int]:
