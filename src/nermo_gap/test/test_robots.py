@@ -36,7 +36,7 @@ from nermo_gap.core.windows import cut
 from nermo_gap.report.evidence import gather
 from nermo_gap.report.html import write_page
 from nermo_gap.robots.channels import GYRO, TRACKER, command, encoder, position, resolution
-from nermo_gap.robots.diagnosis import diagnose_recordings, robot_plant
+from nermo_gap.robots.diagnosis import REPORTING_HORIZON, REPORTING_WARM_UP, diagnose_recordings, robot_plant
 from nermo_gap.robots.live import LiveGap
 from nermo_gap.robots.mcap_table import mcap_table
 from nermo_gap.robots.menu import MouseMenu
@@ -63,20 +63,25 @@ def test_each_mouse_measures_what_it_really_can(name: str, sees: int) -> None:
     assert {o.name for o in plant.outputs} >= set(TRACKER)
 
 
-def test_an_unchanged_twin_is_replayed_within_a_few_noise_floors() -> None:
+def test_an_unchanged_twin_is_replayed_to_its_noise_and_a_weak_knee_is_not() -> None:
     robot, columns = load_robot("nermo"), table("nermo")
     plant = robot_plant(robot, list(columns))
     aligned = align(recording_from_table(columns, plant), plant)
     floor = np.maximum(noise_floor(aligned), [resolution(list(columns)).get(o.name, 0.0) for o in plant.outputs])
-    replayer = Replayer(plant, aligned, cut(aligned, 0.4, most=6), floor, 1)
-    residuals = Residuals.build(replayer, Variant.nominal(plant), start=False)
-    changed = Variant.nominal(plant)
+    replayer = Replayer(plant, aligned, cut(aligned, REPORTING_HORIZON, REPORTING_WARM_UP, most=6), floor, 1)
+    nominal = Variant.nominal(plant)
+    # What MuJoCo's sensors say after a step was so before it.
+    nominal.outputs.lead[[not o.name.startswith("base") for o in plant.outputs]] -= build_model(robot).opt.timestep
+    residuals = Residuals.build(replayer, nominal)
+    changed = nominal.copy()
     knee = plant.model.actuator("front_left_knee").id
     changed.model.actuator_gainprm[knee, 0] *= 0.5
     changed.model.actuator_biasprm[knee, 1] *= 0.5
-    same, other = (channel_gap(r, residuals.mask) for r in residuals.of([Variant.nominal(plant), changed]))
+    found = residuals.of([nominal, changed])
+    same, other = (channel_gap(r, residuals.mask) for r in found)
     gaps = dict(zip(residuals.channels, same, strict=True))
-    assert np.sqrt(np.mean(same**2)) < 8.0
+    # Windows that begin with a landing are farther off.
+    assert np.median(np.sqrt((found[0] ** 2).mean(axis=(1, 2)))) < 1.4
     worse = dict(zip(residuals.channels, other, strict=True))
     assert worse["front_left_knee_position"] > 3.0 * gaps["front_left_knee_position"]
     assert worse["front_left_knee_position"] > worse["rear_right_knee_position"]
@@ -215,7 +220,7 @@ def test_a_weak_knee_is_told_from_its_neighbour_and_its_size_found() -> None:
     plant = robot_plant(robot, list(columns))
     aligned = align(recording_from_table(columns, plant), plant)
     floor = np.maximum(noise_floor(aligned), [resolution(list(columns)).get(o.name, 0.0) for o in plant.outputs])
-    replayer = Replayer(plant, aligned, cut(aligned, 0.4, most=6), floor, 1)
+    replayer = Replayer(plant, aligned, cut(aligned, REPORTING_HORIZON, REPORTING_WARM_UP, most=6), floor, 1)
     known = nuisances(plant, aligned.outputs.std(axis=0), np.zeros(len(plant.inputs)), aligned.period)
     ages = [n for n in known if n.name.startswith("age")]
     fitter = Fitter(Residuals.build(replayer, Variant.nominal(plant)), ages)
