@@ -94,10 +94,10 @@ class Follow:
         self._position = np.stack([s.position for s in states])
         self._velocity = np.stack([s.velocity for s in states])
         self._qpos, self._dof, self._base, self._late_from = first.qpos, first.dof, first.base, late_from
-        # Coordinates that are placed, and that are given a rate.
-        self._early, self._all = (
-            (np.flatnonzero(now & (first.qpos >= 0)), np.flatnonzero(now)) for now in (~first.late, first.dof >= 0)
-        )
+        # Which coordinates are placed, and which are given a rate, before ``late_from`` and after it.
+        known, rows = first.qpos >= 0, np.arange(len(first.dof))
+        self._early = rows[known & ~first.late], rows[~first.late]
+        self._all = rows[known], rows
         self._pose = np.stack([s.pose for s in states])
         self._twist = np.stack([s.twist for s in states])
 

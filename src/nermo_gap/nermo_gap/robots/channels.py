@@ -118,6 +118,11 @@ def robot_map(robot: RobotParameters, columns: Collection[str], channels: Channe
     return parse_map(data, f"channels of {robot.name}")
 
 
+def servos_report(mapping: Map) -> bool:
+    """Whether a map holds positions that servos report."""
+    return any(row.column.endswith("_position") for row in mapping.outputs)
+
+
 def resolution(columns: Collection[str]) -> dict[str, float]:
     """Least noise floor of each output column."""
     ends = {"_position": "position", "_torque": "torque", "_encoder": "encoder"}

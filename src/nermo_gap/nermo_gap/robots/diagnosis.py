@@ -17,7 +17,7 @@ from nermo_gap.core.diagnose import Diagnosis, Options, diagnose
 from nermo_gap.core.errors import GapInputError
 from nermo_gap.core.plant import OutputChannel, Plant, build_plant
 from nermo_gap.core.recording import load_table, recording_from_table
-from nermo_gap.robots.channels import Channels, resolution, robot_map
+from nermo_gap.robots.channels import Channels, resolution, robot_map, servos_report
 from nermo_gap.robots.mcap_table import mcap_table, recorded_robot
 from nermo_gap.robots.menu import MouseMenu
 from nermo_gap.robots.model import diagnosis_spec
@@ -48,10 +48,10 @@ def robot_plant(robot: RobotParameters, columns: Sequence[str], channels: Channe
         GapInputError: the table commands or measures nothing.
     """
     spec = diagnosis_spec(robot)
-    if not (channels or Channels.of(robot)).servos:
+    mapping = robot_map(robot, columns, channels)
+    if not servos_report(mapping):
         spec.option.timestep = COARSE_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    mapping = robot_map(robot, columns, channels)
     # Sensors that nobody reads cost a tenth of a step.
     read = {row.sensor for row in mapping.outputs}
     for sensor in [s for s in spec.sensors if s.name not in read]:
@@ -80,7 +80,7 @@ def subsystem(output: OutputChannel) -> str:
 def options_for(plant: Plant, robot: RobotParameters, columns: Sequence[str], base: Options | None = None) -> Options:
     """How to diagnose this plant; ``base`` carries what does not depend on the robot."""
     base = base or Options()
-    reports = any(output.qpos >= 0 for output in plant.outputs)
+    reports = servos_report(plant.map)
     return dataclasses.replace(
         base,
         groups=groups(plant.model),

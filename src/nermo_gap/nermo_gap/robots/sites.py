@@ -16,7 +16,7 @@ from nermo_gap.core.effects.contact import colliding, lean
 from nermo_gap.core.nuisance import Nuisance
 from nermo_gap.core.plant import Plant, model_names
 from nermo_gap.core.variant import Variant
-from nermo_gap.robots.channels import GYRO
+from nermo_gap.robots.channels import GYRO, servos_report
 
 Array = NDArray[np.float64]
 Obj = mujoco.mjtObj
@@ -100,13 +100,13 @@ def worth_a_look(plant: Plant) -> Callable[[Effect], bool]:
 def nuisances(plant: Plant, output_swing: Array, input_size: Array, period: float) -> list[Nuisance]:
     """Nominal numbers of the mouse with their priors: those of the core, but parts that are alike move together."""
     model = plant.model
-    found = [Nuisance("timing of inputs", _timing(prior.TIMING * (period + float(model.opt.timestep))))]
+    timing = prior.TIMING * (period + float(model.opt.timestep))
+    found = [Nuisance("timing of inputs", _timing(timing))]
     # What comes over the servos' bus, and from the IMU, was measured before it was stamped.
-    age = prior.TIMING * (period + float(model.opt.timestep))
     for label, kind in (("servo reports", ("_position", "_torque", "_encoder")), ("IMU", GYRO)):
         late = [i for i, output in enumerate(plant.outputs) if output.name.endswith(kind)]
         if late:
-            found.append(Nuisance(f"age of {label}", _age(late, age)))
+            found.append(Nuisance(f"age of {label}", _age(late, timing)))
     bodies = {name: i for i, name in enumerate(model_names(model, Obj.mjOBJ_BODY))}
     torsos = [bodies["torso"], bodies["rear_torso"]]
     limbs = [i for i in bodies.values() if i and i not in torsos]
@@ -130,7 +130,7 @@ def nuisances(plant: Plant, output_swing: Array, input_size: Array, period: floa
     ):
         found.append(Nuisance(label, _scaled((field,), rows, prior.PASSIVE)))
     # Where the servos report, each has a gain of its own to be told; seen from outside, those that are alike share one.
-    apart = any(output.qpos >= 0 for output in plant.outputs)
+    apart = servos_report(plant.map)
     springs = {n: i for i, n in enumerate(joints) if n.endswith("_knee_joint")}
     for label, rows in _alike(springs, apart).items():
         found.append(Nuisance(f"stiffness {label}", _scaled(("jnt_stiffness",), rows, prior.PASSIVE)))
