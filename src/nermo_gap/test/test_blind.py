@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from nermo_gap.blind.cases import SMALL, Case, draw, robot_of, simulate, told
+from nermo_gap.blind.cases import SMALL, Case, draw, robot_of
 from nermo_gap.blind.faults import FAULTS, UNKNOWN, Fault, Scale
 from nermo_gap.blind.make import BlindError, make
+from nermo_gap.blind.recordings import simulate, told
 from nermo_gap.blind.run import experiment_file, read_results, run
 from nermo_gap.blind.score import confusion, judged, metrics, score
 from nermo_gap.blind.settle import settle

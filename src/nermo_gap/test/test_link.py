@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from robots import aligned_of, simulate
 
-from nermo_gap.blind.cases import draw, realise, robot_of
+from nermo_gap.blind.cases import draw, robot_of
+from nermo_gap.blind.recordings import realise
 from nermo_gap.core.chance import Chance
 from nermo_gap.core.diagnose import Options, diagnose
 from nermo_gap.core.effects.base import Context, Effect

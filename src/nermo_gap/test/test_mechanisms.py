@@ -6,10 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from nermo_gap.blind import cases
-from nermo_gap.blind.cases import Case, Injected, robot_of, simulate
+from nermo_gap.blind import cases, recordings
+from nermo_gap.blind.cases import Case, Injected, robot_of
 from nermo_gap.blind.faults import FAULTS, LEVELS
 from nermo_gap.blind.imitate import left_by_imitation
+from nermo_gap.blind.recordings import simulate
 from nermo_gap.blind.truth import record
 from nermo_gap.core.align import align
 from nermo_gap.core.effects.base import Context, Effect
@@ -32,12 +33,12 @@ from nermo_gap.core.windows import cut
 @pytest.fixture
 def exact(monkeypatch: pytest.MonkeyPatch) -> None:
     """Truths whose numbers are those of the nominal model."""
-    build = cases.build
-    monkeypatch.setattr(cases, "build", lambda *a, **k: build(*a, **(k | {"spread": (0.0, 0.0)})))
+    build = recordings.build
+    monkeypatch.setattr(recordings, "build", lambda *a, **k: build(*a, **(k | {"spread": (0.0, 0.0)})))
 
 
 def _case(robot: str, name: str, level: int = 1) -> Case:
-    places = cases._all_sites(robot)
+    places = cases.all_sites(robot)
     fault = next(f for f in FAULTS if f.name == name and places[f.kind])
     site = places[fault.kind][0]
     injected = Injected(name, fault.kind, site.name, site.members, LEVELS[level], fault.sizes[level], True, site.places)
@@ -93,7 +94,7 @@ def test_a_sagging_supply_weakens_servos_at_their_limit_too(exact: None) -> None
     """Both servos of the arm saturate in this recording."""
     case = _case("arm", "supply_sag", level=2)
     fitter, effects, _ = _replayed(case)
-    truth = cases._Truths(case, robot_of("arm")).broken()
+    truth = recordings.Truths(case, robot_of("arm")).broken()
     (effect,) = (e for e in effects if e.key == "supply_sag@all")
     sag = truth.sag * effect._reference / truth.sag_at  # type: ignore[attr-defined]
     assert _typical(fitter, Hypothesis((effect,)), [sag]) < 0.1 * _typical(fitter, Hypothesis(), [])
@@ -152,12 +153,12 @@ def test_what_nominal_numbers_imitate_is_not_seen() -> None:
 def test_a_walking_robot_put_back_to_where_it_was_sees_the_same() -> None:
     """With a play, whose robot has a joint more, up to what the play lets it turn."""
     fault = next(f for f in FAULTS if f.name == "servo_backlash")
-    site = cases._all_sites("quad")[fault.kind][0]
+    site = cases.all_sites("quad")[fault.kind][0]
     play = Injected("servo_backlash", fault.kind, site.name, site.members, "weak", 0.05, True, site.places)
     for faults, close in (([], 1e-9), ([play], 0.05)):
-        truths = cases._Truths(Case("000", "quad", "single", (3, 6), 1.0, faults), robot_of("quad"))
+        truths = recordings.Truths(Case("000", "quad", "single", (3, 6), 1.0, faults), robot_of("quad"))
         made, healthy = truths.broken(), truths.truth()
-        commands = cases.told(made.model, robot_of("quad").mapping, truths.table)
+        commands = recordings.told(made.model, robot_of("quad").mapping, truths.table)
         way = record(made, commands, {}, np.random.default_rng(0))
         put = {k: made.rigid(way.states[k], healthy.model) for k in range(20, 200, 20)}
         back = record(healthy, commands, {}, np.random.default_rng(0), put)
@@ -168,8 +169,35 @@ def test_a_walking_robot_put_back_to_where_it_was_sees_the_same() -> None:
 def test_a_fault_that_nominal_numbers_imitate_grows_until_it_is_seen() -> None:
     """The servo's damping may be off by more than this anyway."""
     fault = next(f for f in FAULTS if f.name == "viscous_friction")
-    (site,) = cases._all_sites("pendulum")["joint"]
+    (site,) = cases.all_sites("pendulum")[fault.kind]
     small = Injected("viscous_friction", fault.kind, site.name, site.members, "weak", 0.03, True, site.places)
-    case = cases.realise(Case("000", "pendulum", "single", (3, 6), 3.0, [small]))
+    case = recordings.realise(Case("000", "pendulum", "single", (3, 6), 3.0, [small]))
     assert case.faults[0].size > 0.04
-    assert case.healthy_shift > cases.VISIBLE
+    assert case.healthy_shift > recordings.VISIBLE
+
+
+def test_of_a_pair_each_fault_must_show_beside_the_other() -> None:
+    """A robot with both of them, the other's size not quite known, can imitate a pair; one with one of them cannot."""
+    places = cases.all_sites("arm")
+    slow, heavy = (
+        Injected(f.name, f.kind, site.name, site.members, "medium", size, True, site.places)
+        for name, size in (("servo_delay", 0.03), ("mass", 0.6))
+        for f in FAULTS
+        if f.name == name
+        for site in places[f.kind][1:2]
+    )
+    case = simulate(Case("000", "arm", "pair", (3, 6), 4.0, [slow, heavy]))
+    truths = recordings.Truths(case, robot_of("arm"))
+    assert truths.beyond_healthy(case.columns, [slow, heavy]) < recordings.VISIBLE
+    for other in (slow, heavy):
+        assert truths.beyond_healthy(case.columns, [other]) > recordings.VISIBLE
+
+
+def test_faults_that_are_one_change_under_two_names_are_not_drawn() -> None:
+    """What turns about one upright axis shows its mass as inertia; a sprung joint's drag is its damping."""
+    camera, finger, arm = (cases.all_sites(name) for name in ("camera", "finger", "arm"))
+    kinds = {f.name: f.kind for f in FAULTS}
+    assert {s.name for s in camera[kinds["com_shift"]]} == {"fork", "eye"}
+    assert len(arm[kinds["com_shift"]]) == 2
+    assert {s.name for s in finger[kinds["viscous_friction"]]} == {"wrist"}
+    assert {s.name for s in finger[kinds["joint_damping"]]} == {"knuckle"}

@@ -15,7 +15,8 @@ from typing import Annotated, Any
 import mujoco
 import typer
 
-from nermo_gap.blind.cases import SMALL, Case, draw, realise, robot_of
+from nermo_gap.blind.cases import SMALL, Case, draw, robot_of
+from nermo_gap.blind.recordings import realise
 from nermo_gap.blind.score import judged, metrics
 from nermo_gap.core.diagnose import Options, diagnose
 from nermo_gap.core.mapping import parse_map

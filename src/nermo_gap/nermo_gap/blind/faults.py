@@ -405,7 +405,7 @@ def _backlash(truth: Truth, scale: Scale, actuator: str, size: float) -> Values:
 
 FAULTS: tuple[Fault, ...] = (
     Fault("coulomb_friction", "joint", (0.12, 0.3, 0.7), _coulomb),
-    Fault("viscous_friction", "joint", (0.15, 0.35, 0.8), _viscous),
+    Fault("viscous_friction", "unsprung", (0.15, 0.35, 0.8), _viscous),
     Fault("stribeck_friction", "joint", (0.1, 0.25, 0.5), _stribeck),
     Fault("load_friction", "driven", (0.12, 0.25, 0.45), _load),
     Fault("armature", "joint", (0.25, 0.6, 1.5), _armature),
@@ -415,7 +415,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("joint_damping", "sprung", (0.15, 0.35, 0.8), _viscous),
     Fault("joint_range", "joint", (0.12, 0.25, 0.45), _stop),
     Fault("mass", "body", (0.25, 0.5, 1.0), _mass),
-    Fault("com_shift", "body", (0.25, 0.5, 1.0), _com),
+    Fault("com_shift", "unbalanced", (0.25, 0.5, 1.0), _com),
     Fault("inertia", "turned", (0.5, 1.0, 2.5), _inertia),
     Fault("servo_delay", "actuator", (0.006, 0.015, 0.04), _delay),
     Fault("servo_dead_band", "servo", (0.04, 0.1, 0.25), _band),

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from nermo_gap.blind.cases import Case, Injected, simulate_again
+from nermo_gap.blind.cases import Case, Injected
 from nermo_gap.blind.make import BlindError, read_manifest, write_recording
+from nermo_gap.blind.recordings import simulate_again
 from nermo_gap.blind.run import experiment_file, read_results
 from nermo_gap.blind.score import read_answers
 

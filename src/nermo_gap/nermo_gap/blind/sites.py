@@ -64,9 +64,12 @@ def sites(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[Site
     found = {
         "joint": _grouped([of("joint", j) for j in scalar]),
         "driven": _grouped([of("joint", j) for j in driven]),
+        # What damps a joint with a spring is called its damping, and is the same.
+        "unsprung": _grouped([of("joint", j) for j in scalar if model.jnt_stiffness[j] == 0]),
         "sprung": [of("joint", j) for j in scalar if model.jnt_stiffness[j] > 0],
         "body": [of("body", b) for b in bodies],
         "turned": [of("body", b) for b in bodies if _turns_about_several(model, b)],
+        "unbalanced": [of("body", b) for b in bodies if not _turns_upright_only(model, b)],
         "actuator": _grouped([of("actuator", a) for a in actuators]),
         "servo": _grouped([of("actuator", a) for a in servos]),
         "play": [of("actuator", a) for a in servos],
@@ -108,17 +111,30 @@ def _sensors(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[S
     return {"sensor": single, "axes": axes}
 
 
+def _ways(model: mujoco.MjModel, body: int) -> list[int]:
+    """The joints that move a body, its own first."""
+    found: list[int] = []
+    while body > 0:
+        first = int(model.body_jntadr[body])
+        found += range(first, first + int(model.body_jntnum[body]))
+        body = int(model.body_parentid[body])
+    return found
+
+
 def _turns_about_several(model: mujoco.MjModel, body: int) -> bool:
     """Whether more than one axis turns a body; of one axis, the inertia of the body and that of its motor are one."""
-    axes = 0
-    while body > 0:
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-        kinds = [int(model.jnt_type[j]) for j in range(first, first + count)]
-        axes += sum(
-            0 if k == mujoco.mjtJoint.mjJNT_SLIDE else 1 if k == mujoco.mjtJoint.mjJNT_HINGE else 3 for k in kinds
-        )
-        body = int(model.body_parentid[body])
-    return axes > 1
+    return sum(_AXES[int(model.jnt_type[j])] for j in _ways(model, body)) > 1
+
+
+def _turns_upright_only(model: mujoco.MjModel, body: int) -> bool:
+    """Whether a body can but turn about one axis along gravity: where its mass lies then shows as inertia only."""
+    ways = _ways(model, body)
+    if len(ways) != 1 or model.jnt_type[ways[0]] != mujoco.mjtJoint.mjJNT_HINGE:
+        return False
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    across = np.cross(data.xaxis[ways[0]], model.opt.gravity)
+    return bool(np.linalg.norm(across) < 1e-6 * max(float(np.linalg.norm(model.opt.gravity)), 1e-9))
 
 
 def _joint_of(model: mujoco.MjModel, row: dict[str, Any]) -> int:

@@ -96,13 +96,15 @@ class Truth:
         return int(self.model.jnt_dofadr[self.model.joint(self.soft.get(joint, joint)).id])
 
     def rigid(self, state: tuple[Array, Array], healthy: mujoco.MjModel) -> tuple[Array, Array]:
-        """Positions and velocities that a robot without anything between motors and links has in the same place."""
+        """Positions and velocities of a robot in the same place that has less (or nothing) between motors and links."""
         (q, v), at, to = state, self.model, healthy
         position, velocity = np.zeros(to.nq), np.zeros(to.nv)
         for j in range(to.njnt):
             name = str(to.joint(j).name)
             wide = len(to.joint(j).qpos0)
-            for mine in {name, self.soft.get(name, name)}:
+            between = self.soft.get(name, name)
+            both = mujoco.mj_name2id(to, mujoco.mjtObj.mjOBJ_JOINT, between) < 0
+            for mine in {name, between} if both else {name}:
                 k = at.joint(mine).id
                 a, b = int(at.jnt_qposadr[k]), int(to.jnt_qposadr[j])
                 position[b : b + wide] += q[a : a + wide]
