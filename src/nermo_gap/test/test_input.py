@@ -270,3 +270,28 @@ def test_core_imports_no_nermo_package() -> None:
             if words[:1] in (["import"], ["from"]):
                 assert not words[1].startswith("nermo_") or words[1].startswith("nermo_gap.core"), f"{path}: {line}"
                 assert words[1] != "rclpy", f"{path}: {line}"
+
+
+_RAIL = """<mujoco><worldbody><body name="carriage" pos="0.1 0 0.3" quat="0.7071068 0 0.7071068 0">
+<joint name="lift" type="slide" axis="-0.8 0 0.6"/><geom size=".1"/><site name="marker" pos="0 0 .02"/>
+<body name="arm"><joint name="swing" axis="0 1 0"/><geom size=".05"/></body></body></worldbody>
+<actuator><motor name="m" joint="swing"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("frame", [{"body": "carriage"}, {"site": "marker"}])
+def test_a_body_on_a_rail_shows_how_far_it_slid(frame: dict[str, str]) -> None:
+    """Along the axes that it slides along; across them, and from a body that also turns, nobody can tell."""
+    outputs = [{"column": c, "unit": "m", **frame, "quantity": "position", "component": c} for c in ("x", "y", "z")] + [
+        {"column": "a", "unit": "m", "body": "arm", "quantity": "position", "component": "z"}
+    ]
+    rows = {"inputs": [{"column": "u", "unit": "Nm", "actuator": "m", "kind": "torque"}], "outputs": outputs}
+    spec = mujoco.MjSpec.from_string(_RAIL)
+    plant = build_plant(spec, parse_map({"time": {"column": "t", "unit": "s"}, **rows}))
+    data = mujoco.MjData(plant.model)
+    data.qpos[:] = (0.07, 0.4)
+    mujoco.mj_forward(plant.model, data)
+    seen = plant.read(data.sensordata)
+    x, y, z, arm = plant.outputs
+    assert (x.qpos, y.qpos, z.qpos, arm.qpos) == (0, -1, 0, -1)
+    for i, channel in ((0, x), (2, z)):
+        assert channel.coordinate(np.array([seen[i]])) == pytest.approx([0.07])

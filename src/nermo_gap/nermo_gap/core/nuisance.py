@@ -24,6 +24,8 @@ STEP = 1.0
 """Share of the inertia that a time step adds that a robot may lack: a real one has no step."""
 GAIN = 0.08
 CONTACT = 0.15
+FIRMNESS = 0.8
+"""Of friction against normal force: the solver's matter, as long as nobody compared it with a robot."""
 TILT = 0.008
 """[rad]"""
 TIMING = 0.25
@@ -108,6 +110,8 @@ def enumerate_nuisances(plant: Plant, output_swing: Array, input_size: Array, pe
     if feet:
         found.append(Nuisance("ground friction", _ground(world, feet)))
         found.append(Nuisance("contact softness", _softness(world, feet)))
+        if model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC:
+            found.append(Nuisance("firmness of friction", _firmness))
     if np.linalg.norm(model.opt.gravity) > 0:
         found += [Nuisance("pitch of gravity", lambda v, z: lean(v.model, TILT * z, 0.0))]
         found += [Nuisance("roll of gravity", lambda v, z: lean(v.model, 0.0, TILT * z))]
@@ -221,6 +225,10 @@ def _softness(world: Sequence[int], feet: Sequence[int]) -> Callable[[Variant, f
         variant.model.geom_solref[rows, 0] = np.where(times > 0, times * np.exp(CONTACT * z), times)
 
     return apply
+
+
+def _firmness(variant: Variant, z: float) -> None:
+    variant.model.opt.impratio *= np.exp(FIRMNESS * z)
 
 
 def _zero(channel: int, sd: float) -> Callable[[Variant, float], None]:

@@ -69,6 +69,10 @@ _TENDON_SENSORS = {
 }
 
 
+_ALONG = 0.1
+"""Of its way a body that slides must show at least this share along an axis that is measured."""
+
+
 @dataclass(frozen=True)
 class InputChannel:
     """One recorded input. ``scale`` turns the column into ctrl (actuator >= 0) or into a joint force (dof >= 0)."""
@@ -88,7 +92,7 @@ class OutputChannel:
     """One recorded output: ``scale`` turns the column into SI, ``address`` points into sensordata.
 
     ``euler`` is 0, 1, 2 for roll, pitch, yaw of the quaternion at ``address`` and -1 otherwise. ``qpos``/``dof`` is the
-    scalar coordinate that the channel measures (value = coordinate * ``gear``), -1 where it measures none.
+    scalar coordinate that the channel measures (value = ``origin`` + coordinate * ``gear``), -1 where it measures none.
     """
 
     name: str
@@ -104,6 +108,7 @@ class OutputChannel:
     qpos: int = -1
     dof: int = -1
     gear: float = 1.0
+    origin: float = 0.0
     subsystem: str = ""
     part: str = ""
     """Name of the component of a sensor that has several."""
@@ -112,6 +117,10 @@ class OutputChannel:
     def wrapped(self) -> bool:
         """Whether the channel is an angle on the circle (a body's roll, pitch or yaw)."""
         return self.euler >= 0
+
+    def coordinate(self, values: Array) -> Array:
+        """The coordinate of the model that values of the channel mean."""
+        return (values - self.origin) / self.gear
 
 
 @dataclass
@@ -338,6 +347,33 @@ def _sensor_of(spec: mujoco.MjSpec, model: mujoco.MjModel, row: OutputRow, where
     return added
 
 
+def _rail(model: mujoco.MjModel, sensor: int, component: int) -> tuple[int, float, float] | None:
+    """What a position says of a body that can only slide along one line: address in qpos, origin and gear; else None.
+
+    A leg on a boom, whose height is seen from outside, is one.
+    """
+    of, kind = int(model.sensor_objid[sensor]), int(model.sensor_objtype[sensor])
+    if kind not in (int(Obj.mjOBJ_SITE), int(Obj.mjOBJ_XBODY)) or model.sensor_refid[sensor] >= 0:
+        return None
+    site = kind == int(Obj.mjOBJ_SITE)
+    body = int(model.site_bodyid[of]) if site else of
+    ways: list[int] = []
+    while body > 0:
+        first = int(model.body_jntadr[body])
+        ways += range(first, first + int(model.body_jntnum[body]))
+        body = int(model.body_parentid[body])
+    if len(ways) != 1 or model.jnt_type[ways[0]] != _SLIDE:
+        return None
+    qpos, data = int(model.jnt_qposadr[ways[0]]), mujoco.MjData(model)
+    seen = []
+    for coordinate in (0.0, 1.0):
+        data.qpos[qpos] = coordinate
+        mujoco.mj_kinematics(model, data)
+        seen.append(float((data.site_xpos if site else data.xpos)[of, component]))
+    gear = seen[1] - seen[0]
+    return (qpos, seen[0], gear) if abs(gear) > _ALONG else None
+
+
 def _output_channel(model: mujoco.MjModel, row: OutputRow, sensor: str, where: str) -> OutputChannel:
     index = _find(model, Obj.mjOBJ_SENSOR, sensor, "sensor", where)
     kind, dim, address = int(model.sensor_type[index]), int(model.sensor_dim[index]), int(model.sensor_adr[index])
@@ -385,6 +421,9 @@ def _output_channel(model: mujoco.MjModel, row: OutputRow, sensor: str, where: s
         address += component
     elif row.component is not None:
         raise GapInputError(f"{where}: sensor {sensor!r} has one value; component must be left out")
+    origin, rail = 0.0, _rail(model, index, component) if kind == Sens.mjSENS_FRAMEPOS else None
+    if rail is not None:
+        qpos, origin, gear = rail
     scale, quantity = factor(row.unit, quantities, where)
     unit = {"angle": "rad", "length": "m"}.get(quantity, "")
     return OutputChannel(
@@ -401,6 +440,7 @@ def _output_channel(model: mujoco.MjModel, row: OutputRow, sensor: str, where: s
         qpos=qpos,
         dof=dof,
         gear=gear,
+        origin=origin,
         subsystem=subsystem,
         part=row.component or "",
     )

@@ -57,7 +57,7 @@ def _check_ranges(plant: Plant, aligned: Aligned) -> None:
         if not model.jnt_limited[joint]:
             continue
         low, high = model.jnt_range[joint]
-        values = aligned.outputs[aligned.valid[:, i], i] / channel.gear
+        values = channel.coordinate(aligned.outputs[aligned.valid[:, i], i])
         outside = np.percentile(np.maximum(low - values, values - high), 75)
         if outside > 2.0 * (high - low):
             raise GapInputError(
@@ -99,7 +99,7 @@ def check_replay(plant: Plant, measured: Array, replayed: Array) -> None:
         GapInputError: a channel moves like the replayed one, times a factor between units that people confuse.
     """
     for i, channel in enumerate(plant.outputs):
-        if channel.wrapped or channel.qpos >= 0:
+        if channel.wrapped or (channel.qpos >= 0 and channel.sensor_type != mujoco.mjtSensor.mjSENS_FRAMEPOS):
             continue
         a = replayed[..., i] - replayed[..., i].mean(axis=1, keepdims=True)
         b = measured[..., i] - measured[..., i].mean(axis=1, keepdims=True)
@@ -154,7 +154,7 @@ def _check_commands(plant: Plant, aligned: Aligned, warnings: list[str]) -> None
     if not pairs:
         return
     told = np.stack([aligned.inputs[:, i] for i, _ in pairs], 1)
-    done = np.stack([aligned.outputs[:, o] / plant.outputs[o].gear for _, o in pairs], 1)
+    done = np.stack([plant.outputs[o].coordinate(aligned.outputs[:, o]) for _, o in pairs], 1)
     lag = _best_lag(told, done, aligned.period)
     told, done = told[: len(told) - lag or None], done[lag:]
     _compare(

@@ -91,7 +91,7 @@ def measured_state(plant: Plant, aligned: Aligned, floor: Array, outputs: Array 
         rates: list[tuple[Array, float]] = []
         if qpos >= 0:
             gear = plant.outputs[p].gear
-            values, sd = y[:, p] / gear, floor[p] / abs(gear)
+            values, sd = plant.outputs[p].coordinate(y[:, p]), floor[p] / abs(gear)
             position[:, j] = _filter(values, smooth, aligned)
             position_sd[j] = sd * float(np.linalg.norm(smooth))
             rates.append((_filter(values, slope, aligned), sd * float(np.linalg.norm(slope))))
