@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +14,16 @@ from nermo_gap.core.effects.growing import MIN_DURATION, Growing
 from nermo_gap.core.fit import Fitter
 from nermo_gap.core.hypothesis import Fit, Hypothesis
 from nermo_gap.core.nuisance import BOX
-from nermo_gap.core.preference import EVIDENCE, FINALISTS, earns, indistinct, places, simplest
+from nermo_gap.core.preference import (
+    EVIDENCE,
+    EVIDENCE_MORE,
+    FINALISTS,
+    UNEXPLAINED,
+    earns,
+    indistinct,
+    places,
+    simplest,
+)
 from nermo_gap.core.scores import Scored, Scores
 from nermo_gap.core.screen import Screened, informative_windows, screen
 
@@ -130,16 +139,43 @@ class Selector:
         if winner is None or not earns(self.scores, reference, winner, len(self.effects)):
             return result
         singles, winner = self._followed(singles, winner, reference)
-        result.best, result.singles, result.rivals = winner, singles, singles
-        result.gains.append(self.scores.difference(reference.fit, winner.fit))
-        while len(result.best.fit.hypothesis.effects) < self._effort.max_effects:
-            enough = self.scores.typical(result.best.fit.held) < ENOUGH and not result.best.fit.strained
-            if enough or not self.add(result, screened):
-                break
-        self._drop(result)
+        result = self._forward(result, singles, winner, screened)
+        if self.scores.typical(result.best.fit.held) > UNEXPLAINED:
+            result = self._begun_elsewhere(result, screened)
         self._settle(result)
         self._grow(result)
         return result
+
+    def _forward(
+        self, result: Selection, singles: list[Scored], first: Scored, screened: Sequence[Screened]
+    ) -> Selection:
+        """One effect after the other, beginning with ``first``, as long as that is worth it."""
+        gain = self.scores.difference(result.reference.fit, first.fit)
+        found = replace(result, best=first, singles=singles, rivals=singles, gains=[gain])
+        while len(found.best.fit.hypothesis.effects) < self._effort.max_effects:
+            enough = self.scores.typical(found.best.fit.held) < ENOUGH and not found.best.fit.strained
+            if enough or not self.add(found, screened):
+                break
+        self._drop(found)
+        return found
+
+    def _begun_elsewhere(self, result: Selection, screened: Sequence[Screened]) -> Selection:
+        """The same with another first effect, where much is left: the first may only have imitated two others.
+
+        Begun with each of the later ones, which were found beside it.
+        """
+        full, found = result.best.fit, result
+        sizes = np.cumsum([0, *(len(e.parameters) for e in full.hypothesis.effects)])
+        for i, effect in enumerate(full.hypothesis.effects[1:], 1):
+            own = full.x[sizes[i] : sizes[i + 1]]
+            alone = self.fitter.fit(Hypothesis((effect,)), own, np.zeros_like(full.z))
+            first = self.scores.scored(self.fitter.polish(alone))
+            if not earns(self.scores, result.reference, first, len(self.effects)):
+                continue
+            other = self._forward(result, result.singles, first, screened)
+            if other.best.score < found.best.score - EVIDENCE_MORE:
+                found = other
+        return found
 
     def _screen_about_nominal(self) -> list[Screened]:
         """Screen about the untouched nominal model: the nuisances' best fit may have swallowed half of an effect."""

@@ -1,0 +1,57 @@
+"""What has to be found although something simpler imitates it, or although it is not the only one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from robots import plant_of, simulate
+
+from nermo_gap.core.diagnose import Diagnosis, Options, diagnose
+from nermo_gap.core.hypothesis import Hypothesis
+from nermo_gap.core.recording import recording_from_table
+
+
+def _names(found: Diagnosis) -> set[str]:
+    return {f"{e['name']}@{e['site']}" for e in found.report["effects"]}
+
+
+def test_a_soft_foot_is_not_taken_for_a_sensor_of_height() -> None:
+    """Here the ground also holds feet more firmly than the model's."""
+
+    def soften(model: mujoco.MjModel) -> None:
+        foot = model.geom("foot").id
+        model.geom_solref[foot, 0] *= 2.0
+        model.geom_priority[foot] = 1
+        model.opt.impratio = 3.0
+
+    plant = plant_of("leg")
+    only = ("foot_compliance", "sensor_bias", "sensor_scale", "ground_friction")
+    table = simulate("leg", 12.0, change=soften)
+    found = diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=only, threads=1))
+    assert _names(found) == {"foot_compliance@foot"}, found.report["reasons"]
+    (effect,) = found.report["effects"]
+    assert effect["parameters"]["time_factor"]["value"] == pytest.approx(2.0, rel=0.15)
+
+
+def test_a_wrong_first_effect_is_given_up_for_what_was_found_beside_it() -> None:
+    """Drag and friction of a hinge; begun with a gain, friction was added, and too much is left."""
+
+    def stick(model: mujoco.MjModel) -> None:
+        model.dof_damping[:] += 0.15
+        model.dof_frictionloss[:] += 0.1
+
+    plant, table = plant_of("pendulum"), simulate("pendulum", 12.0, change=stick)
+    only = ("coulomb_friction", "viscous_friction", "servo_gain")
+    found = diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=only, threads=1))
+    selector, right = found.selector, found.selection
+    kinds = {e.name: e for e in selector.effects}
+    wrong = Hypothesis((kinds["servo_gain"], kinds["coulomb_friction"]))
+    fit = selector.fitter.fit(wrong, np.array([0.9, 0.1]), np.zeros(len(selector.fitter.nuisances)))
+    stuck = replace(right, best=selector.scores.scored(selector.fitter.cross_validate(fit)))
+    assert right.best.score < stuck.best.score
+    better = selector._begun_elsewhere(stuck, right.screened).best
+    assert {e.key for e in better.fit.hypothesis.effects} == {"coulomb_friction@hinge", "viscous_friction@hinge"}
+    assert better.score < stuck.best.score
