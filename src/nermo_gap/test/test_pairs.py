@@ -55,3 +55,16 @@ def test_a_wrong_first_effect_is_given_up_for_what_was_found_beside_it() -> None
     better = selector._begun_elsewhere(stuck, right.screened).best
     assert {e.key for e in better.fit.hypothesis.effects} == {"coulomb_friction@hinge", "viscous_friction@hinge"}
     assert better.score < stuck.best.score
+
+
+def test_a_second_effect_is_found_that_strained_nominal_numbers_had_swallowed() -> None:
+    """Beside the first effect they do something else than in the nominal model."""
+
+    def heavy(model: mujoco.MjModel) -> None:
+        model.dof_armature[model.joint("pan").dofadr[0]] += 0.0016
+
+    plant, table = plant_of("camera"), simulate("camera", 14.0, change=heavy)
+    only = ("sensor_bias", "armature", "servo_gain", "mass")
+    tilted = recording_from_table(table | {"q1": table["q1"] + 0.15}, plant)
+    found = diagnose([tilted], plant, Options(baselines=False, only=only, threads=1))
+    assert _names(found) == {"sensor_bias@tilt_pos", "armature@pan"}, found.report["reasons"]

@@ -302,7 +302,7 @@ class Selector:
     def add(self, result: Selection, screened: Sequence[Screened]) -> bool:
         """Try one effect more, then swap the older ones; True where that was worth it."""
         fitter, base = self.fitter, result.best
-        fitter.refresh(base.fit.hypothesis, base.fit.x, base.fit.z, base.fit.residual, fitter.moved(base.fit))
+        fitter.refresh(base.fit.hypothesis, base.fit.x, base.fit.z, base.fit.residual)
         present = {e.key for e in base.fit.hypothesis.effects}
         others = [e for e in self.effects if e.key not in present]
         partners = screen(
@@ -314,7 +314,11 @@ class Selector:
             return False
         pairs = self._swap(pairs, screened)
         margin = self._hopeless(base, pairs[0])
-        polished = [self.scores.scored(fitter.polish(p.fit)) for p in pairs[:2] if p.score < pairs[0].score + margin]
+        hopeful = [p for p in pairs[:2] if p.score < pairs[0].score + margin]
+        # Fits start where the older effect's nominal numbers are, and may stop short.
+        promising = {h.key for h, _ in jobs[:FAVOURITES]}
+        hopeful += [p for p in pairs if p.key in promising and p not in hopeful]
+        polished = [self.scores.scored(fitter.polish(p.fit)) for p in hopeful]
         polished += [self.scores.scored(fitter.polish(f.fit)) for f in self._forms(min(polished, key=_score).fit)]
         keys = {p.key for p in polished}
         pairs = sorted([*polished, *(p for p in pairs if p.key not in keys)], key=_score)
