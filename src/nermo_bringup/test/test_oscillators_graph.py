@@ -49,6 +49,16 @@ class Walk:
         self.say()
         return bool(self.truth) and self.truth[-1].pose.pose.position.x - self.truth[0].pose.pose.position.x > distance
 
+    def apart(self) -> float:
+        """How far legs of a diagonal were from each other, as a share of the swing or stance that both were in."""
+        pairs = [
+            (states.phase_fractions[one], states.phase_fractions[two])
+            for states in self.legs
+            for one, two in ((0, 3), (1, 2))
+            if states.gait_frequency > 0.0 and states.phases[one] == states.phases[two]
+        ]
+        return max((abs(one - two) for one, two in pairs), default=0.0)
+
     @property
     def tilt(self) -> float:
         """Angle of the body from the vertical [rad]."""
@@ -87,9 +97,5 @@ def test_the_mouse_walks_on_the_loads_that_its_feet_feel(graph):
     graph.spin_until(lambda: walk.gone(0.05), "the mouse has gone 5 cm", PATIENCE_S)
     assert walk.tilt < 0.5
     assert max(walk.loads[-1].load) > 0.2
-    # The loads were heard: the stances do not all last as long as the clock's, half of a cycle.
-    duties = [
-        sum(states.phases[leg] == LegStates.STANCE for states in walk.legs if states.gait_frequency > 0.0)
-        for leg in range(4)
-    ]
-    assert len(set(duties)) > 2
+    # The loads were heard: by the clock alone, legs of a diagonal swing and stand as one.
+    graph.spin_until(lambda: walk.say() or walk.apart() > 0.02, "a diagonal's legs part", PATIENCE_S)
