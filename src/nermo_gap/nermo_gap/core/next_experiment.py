@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_gap.core.align import Aligned, Run
+from nermo_gap.core.channels import model_names
 from nermo_gap.core.errors import GapInputError
 from nermo_gap.core.experiment import Experiment, GenericMenu, Menu
 from nermo_gap.core.fit import Fitter
 from nermo_gap.core.hypothesis import Fit
-from nermo_gap.core.plant import Plant, model_names
+from nermo_gap.core.plant import Plant
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.residual import Residuals
 from nermo_gap.core.variant import Variant

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_gap.core.align import Aligned
+from nermo_gap.core.channels import model_names
 from nermo_gap.core.errors import GapInputError
-from nermo_gap.core.plant import Plant, model_names
+from nermo_gap.core.plant import Plant
 from nermo_gap.core.state import MeasuredState
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_gap.core.align import Aligned
-from nermo_gap.core.plant import OutputChannel
+from nermo_gap.core.channels import OutputChannel
 from nermo_gap.core.residual import Residuals
 
 Array = NDArray[np.float64]

@@ -14,8 +14,8 @@ from nermo_description.model import build_robot
 from nermo_description.parameter_files import read_yaml, write_yaml
 from nermo_description.parameters import DEVIATIONS, Deviation
 from nermo_description.robots import load_robot, robot_names
+from nermo_gap.core.channels import model_names
 from nermo_gap.core.errors import GapInputError
-from nermo_gap.core.plant import model_names
 from nermo_gap.robots.sites import groups
 
 Obj = mujoco.mjtObj

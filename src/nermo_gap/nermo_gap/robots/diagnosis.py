@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_description.robots import load_robot
+from nermo_gap.core.channels import OutputChannel
 from nermo_gap.core.diagnose import Diagnosis, Options, diagnose
 from nermo_gap.core.errors import GapInputError
-from nermo_gap.core.plant import OutputChannel, Plant, build_plant
+from nermo_gap.core.plant import Plant, build_plant
 from nermo_gap.core.recording import load_table, recording_from_table
 from nermo_gap.robots.channels import Channels, resolution, robot_map, servos_report
 from nermo_gap.robots.mcap_table import mcap_table, recorded_robot

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS
 from nermo_gap.core.align import Aligned
-from nermo_gap.core.plant import OutputChannel
+from nermo_gap.core.channels import OutputChannel
 from nermo_gap.robots.channels import phase
 
 Mask = NDArray[np.bool_]

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS
 from nermo_gap.core import nuisance as prior
+from nermo_gap.core.channels import model_names
 from nermo_gap.core.effects.base import Effect
 from nermo_gap.core.effects.body import gyration, shift_com
 from nermo_gap.core.effects.contact import colliding, lean
 from nermo_gap.core.nuisance import Nuisance
-from nermo_gap.core.plant import Plant, model_names
+from nermo_gap.core.plant import Plant
 from nermo_gap.core.variant import Variant
 from nermo_gap.robots.channels import GYRO, servos_report
 

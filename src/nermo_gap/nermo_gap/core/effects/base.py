@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.plant import Plant, model_names
+from nermo_gap.core.channels import model_names
+from nermo_gap.core.plant import Plant
 from nermo_gap.core.variant import Variant
 
 Array = NDArray[np.float64]

@@ -7,8 +7,9 @@ from collections.abc import Iterable, Sequence
 import mujoco
 import numpy as np
 
+from nermo_gap.core.channels import is_servo
 from nermo_gap.core.effects.base import Context, Effect, Parameter, Site, amount, named_sites, ratio
-from nermo_gap.core.plant import Plant, is_servo
+from nermo_gap.core.plant import Plant
 from nermo_gap.core.variant import Variant
 
 Obj = mujoco.mjtObj
