@@ -126,9 +126,9 @@ def test_nuisances_move_the_model_both_ways() -> None:
             fields = ("body_mass", "body_inertia", "body_ipos", "dof_damping", "dof_armature", "jnt_stiffness",
                       "actuator_gainprm", "actuator_biasprm", "geom_friction", "geom_solref")  # fmt: skip
             values = [np.asarray(getattr(variant.model, f)).ravel() for f in fields]
-            changed.append(
-                np.concatenate([*values, variant.model.opt.gravity, variant.outputs.bias, variant.inputs.delay])
-            )
+            firmness = [variant.model.opt.impratio]
+            paths = [variant.outputs.bias, variant.inputs.delay]
+            changed.append(np.concatenate([*values, variant.model.opt.gravity, firmness, *paths]))
         assert np.abs(changed[0] - changed[1]).max() > 0, nuisance.name
         assert np.abs(changed[2] - changed[0]).max() > np.abs(changed[2] - changed[1]).max(), nuisance.name
 
