@@ -176,12 +176,13 @@ def test_a_fault_that_nominal_numbers_imitate_grows_until_it_is_seen() -> None:
     assert case.healthy_shift > recordings.VISIBLE
 
 
-def test_of_a_pair_each_fault_must_show_beside_the_other() -> None:
+@pytest.mark.parametrize("first", [("servo_delay", 0.03), ("servo_backlash", 0.2)])
+def test_of_a_pair_each_fault_must_show_beside_the_other(first: tuple[str, float]) -> None:
     """A robot with both of them, the other's size not quite known, can imitate a pair; one with one of them cannot."""
     places = cases.all_sites("arm")
     slow, heavy = (
         Injected(f.name, f.kind, site.name, site.members, "medium", size, True, site.places)
-        for name, size in (("servo_delay", 0.03), ("mass", 0.6))
+        for name, size in (first, ("mass", 0.6))
         for f in FAULTS
         if f.name == name
         for site in places[f.kind][1:2]

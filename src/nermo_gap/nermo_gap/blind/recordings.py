@@ -179,7 +179,7 @@ class Truths:
             states = self.run(broken, table).states
             put = {k: broken.rigid(states[k], like.model) for k in range(0, n, round(WINDOW / PERIOD))}
         names = list(self.healthy.columns)
-        numbers = len(self._imitator(())[1])
+        numbers = len(self._imitator(others)[1])
         # A sensor's zero may be off as well.
         zeros = {c: min(ZERO, ZERO_SHARE * float(np.std(self.healthy.columns[c]))) for c in self._joint_columns()}
         sizes = len(others)
