@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -192,6 +194,25 @@ def test_of_a_pair_each_fault_must_show_beside_the_other(first: tuple[str, float
     assert truths.beyond_healthy(case.columns, [slow, heavy]) < recordings.VISIBLE
     for other in (slow, heavy):
         assert truths.beyond_healthy(case.columns, [other]) > recordings.VISIBLE
+
+
+def test_of_a_pair_the_play_s_width_may_be_off_as_well() -> None:
+    """Most of what is left with a play that is a quarter too wide goes when the play may be narrower."""
+    places = cases.all_sites("arm")
+    play, heavy = (
+        Injected(f.name, f.kind, site.name, site.members, "medium", size, True, site.places)
+        for name, size in (("servo_backlash", 0.2), ("mass", 0.6))
+        for f in FAULTS
+        if f.name == name
+        for site in places[f.kind][1:2]
+    )
+    case = simulate(Case("000", "arm", "pair", (3, 6), 4.0, [play, heavy]))
+    truths = recordings.Truths(case, robot_of("arm"))
+    wide = replace(play, size=1.25 * play.size)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recordings, "ABOUT", 0.0)
+        stiff = truths.beyond_healthy(case.columns, [wide, heavy])
+    assert truths.beyond_healthy(case.columns, [wide, heavy]) < 0.5 * stiff
 
 
 def test_faults_that_are_one_change_under_two_names_are_not_drawn() -> None:

@@ -185,11 +185,11 @@ class Truths:
         sizes = len(others)
 
         def seen(z: Array) -> Array:
-            made, moves = self._imitator(others)
-            for move, off in zip(moves, z[:numbers], strict=True):
-                move(off)
             by = z[numbers : numbers + sizes]
             like = [replace(f, size=stronger(f.name, f.size, 1.0 + ABOUT * b)) for f, b in zip(others, by, strict=True)]
+            made, moves = self._imitator(like)
+            for move, off in zip(moves, z[:numbers], strict=True):
+                move(off)
             self._put_in(made, like)
             run = record(made, told(made.model, self._robot.mapping, table), {}, np.random.default_rng(0), put)
             off = dict.fromkeys(names, 0.0) | {

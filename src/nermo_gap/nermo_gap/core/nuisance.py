@@ -26,7 +26,8 @@ STEP = 1.0
 GAIN = 0.08
 CONTACT = 0.15
 FIRMNESS = 0.8
-"""Of friction against normal force: the solver's matter, as long as nobody compared it with a robot."""
+"""Of friction against normal force (MuJoCo's impratio, 1 where nobody set it): the solver's matter, and so free
+within a factor of three. Known when this was chosen: the robots of the blind check have 3."""
 TILT = 0.008
 """[rad]"""
 TIMING = 0.25
@@ -112,7 +113,7 @@ def enumerate_nuisances(plant: Plant, output_swing: Array, input_size: Array, pe
         found.append(Nuisance("ground friction", _ground(world, feet)))
         found.append(Nuisance("contact softness", _softness(world, feet)))
         if model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC:
-            found.append(Nuisance("firmness of friction", _firmness))
+            found.append(Nuisance("firmness of friction", firmness))
     if np.linalg.norm(model.opt.gravity) > 0:
         found += [Nuisance("pitch of gravity", lambda v, z: lean(v.model, TILT * z, 0.0))]
         found += [Nuisance("roll of gravity", lambda v, z: lean(v.model, 0.0, TILT * z))]
@@ -228,7 +229,8 @@ def _softness(world: Sequence[int], feet: Sequence[int]) -> Callable[[Variant, f
     return apply
 
 
-def _firmness(variant: Variant, z: float) -> None:
+def firmness(variant: Variant, z: float) -> None:
+    """How firmly friction holds, of elliptic cones."""
     variant.model.opt.impratio *= np.exp(FIRMNESS * z)
 
 

@@ -353,7 +353,7 @@ class Selector:
     def _settle(self, result: Selection) -> None:
         """Fit the winner once more with all nuisance sensitivities its own: its intervals rest on them."""
         old = result.best
-        self.fitter.refresh(old.fit.hypothesis, old.fit.x, old.fit.z, old.fit.residual, self.fitter.moved(old.fit))
+        self.fitter.refresh(old.fit.hypothesis, old.fit.x, old.fit.z, old.fit.residual)
         fit = self.fitter.fit(old.fit.hypothesis, old.fit.x, old.fit.z, known=old.fit.residual)
         result.best = self.scores.scored(self.fitter.cross_validate(fit))
         result.rivals = sorted([result.best, *(r for r in result.rivals if r is not old)], key=_score)
