@@ -8,6 +8,7 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import String
 
@@ -17,6 +18,8 @@ from nermo_bringup.recording.repair import repair
 from nermo_node import qos
 
 RECORDER = "nermo_bringup.nodes.recorder"
+BURST = QoSProfile(depth=300, reliability=ReliabilityPolicy.RELIABLE)
+"""For many messages at once: with a shorter history those that were not received yet give way to newer ones."""
 
 
 def count_on_disk(directory: Path, topic: str) -> int:
@@ -37,7 +40,7 @@ def publish(graph, publisher: Publisher, count: int) -> None:
 def test_every_topic_is_recorded_and_opens_everywhere(graph, tmp_path: Path) -> None:
     latched = graph.node.create_publisher(String, "/nermo/robot", qos.LATCHED)
     latched.publish(String(data="sent long before"))
-    sensor = graph.node.create_publisher(Vector3, "/nermo/sensor", qos.SENSOR)
+    sensor = graph.node.create_publisher(Vector3, "/nermo/sensor", BURST)
     unwanted = graph.node.create_publisher(Vector3, "/nermo/unwanted", qos.SENSOR)
     counted: dict[str, int] = {}
 
@@ -50,6 +53,7 @@ def test_every_topic_is_recorded_and_opens_everywhere(graph, tmp_path: Path) -> 
     publish(graph, sensor, 300)
     late = graph.node.create_publisher(Vector3, "/nermo/late", 10)
     publish(graph, late, 5)
+    graph.spin_until(lambda: count_on_disk(directory, "/nermo/sensor") == 300, "300 messages are on the disk")
     graph.spin_until(lambda: counted.get("messages_written", 0) >= 306, "the recorder reports 306 messages")
     assert counted["messages_dropped"] == counted["messages_lost"] == 0
     assert unwanted.get_subscription_count() == 0
@@ -69,7 +73,7 @@ def test_every_topic_is_recorded_and_opens_everywhere(graph, tmp_path: Path) -> 
 
 
 def test_a_killed_recorder_leaves_all_up_to_the_cut(graph, tmp_path: Path) -> None:
-    sensor = graph.node.create_publisher(Vector3, "/nermo/sensor", qos.SENSOR)
+    sensor = graph.node.create_publisher(Vector3, "/nermo/sensor", BURST)
     directory = tmp_path / "walk"
     recorder = graph.start(RECORDER, *graph.parameters(directory=str(directory)))
     publish(graph, sensor, 200)
