@@ -178,13 +178,25 @@ def test_a_fault_that_nominal_numbers_imitate_grows_until_it_is_seen() -> None:
     assert case.healthy_shift > recordings.VISIBLE
 
 
+def test_a_zero_that_is_off_does_not_show_on_a_pole_whose_mass_may_lie_aside() -> None:
+    """It hangs, and swings, just so; but it does not weigh on its cart like a heavier one."""
+    for name, size, site, shows in (("sensor_bias", 0.05, "swing", False), ("mass", 0.6, "pole", True)):
+        kind = next(f.kind for f in FAULTS if f.name == name)
+        place = next(s for s in cases.all_sites("cart_pole")[kind] if s.name == site)
+        injected = Injected(name, kind, site, place.members, "weak", size, True, place.places)
+        case = simulate(Case("000", "cart_pole", "single", (3, 6), 2.0, [injected]))
+        left = recordings.Truths(case, robot_of("cart_pole")).beyond_healthy(case.columns)
+        assert case.healthy_shift > recordings.VISIBLE
+        assert (left > recordings.VISIBLE) == shows, left
+
+
 @pytest.mark.parametrize("first", [("servo_delay", 0.03), ("servo_backlash", 0.2)])
 def test_of_a_pair_each_fault_must_show_beside_the_other(first: tuple[str, float]) -> None:
     """A robot with both of them, the other's size not quite known, can imitate a pair; one with one of them cannot."""
     places = cases.all_sites("arm")
     slow, heavy = (
         Injected(f.name, f.kind, site.name, site.members, "medium", size, True, site.places)
-        for name, size in (first, ("mass", 0.6))
+        for name, size in (first, ("mass", 1.0))
         for f in FAULTS
         if f.name == name
         for site in places[f.kind][1:2]

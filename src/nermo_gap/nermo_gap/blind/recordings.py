@@ -15,6 +15,7 @@ from nermo_gap.blind.faults import LEVELS, Scale, fault, soft_of
 from nermo_gap.blind.imitate import (
     IMITATED,
     IMITATED_WALK,
+    LATE,
     WINDOW,
     ZERO,
     ZERO_SHARE,
@@ -192,14 +193,16 @@ class Truths:
                 move(off)
             self._put_in(made, like)
             run = record(made, told(made.model, self._robot.mapping, table), {}, np.random.default_rng(0), put)
+            late = 0.0 if walks else LATE * z[-1]
             off = dict.fromkeys(names, 0.0) | {
-                c: b * zeros[c] for c, b in zip(zeros, z[numbers + sizes :], strict=True)
+                c: b * zeros[c] for c, b in zip(zeros, z[numbers + sizes : -1], strict=True)
             }
-            return np.stack([(run.columns[c] + off[c]) / self.noise[c] for c in names], 1)
+            found = (np.interp(run.time - late, run.time, run.columns[c]) + off[c] for c in names)
+            return np.stack([column / self.noise[c] for c, column in zip(names, found, strict=True)], 1)
 
         measured = self.in_si(columns)
         recorded = np.stack([measured[c][:n] / self.noise[c] for c in names], 1)
-        return left_by_imitation(seen, recorded, numbers + sizes + len(zeros))
+        return left_by_imitation(seen, recorded, numbers + sizes + len(zeros) + 1)
 
     def _imitator(self, others: Sequence[Injected]) -> tuple[Truth, list[Callable[[float], None]]]:
         """A robot whose numbers can be moved; not yet with other faults, but with what lies between its joints then."""
