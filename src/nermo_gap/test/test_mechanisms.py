@@ -190,41 +190,37 @@ def test_a_zero_that_is_off_does_not_show_on_a_pole_whose_mass_may_lie_aside() -
         assert (left > recordings.VISIBLE) == shows, left
 
 
-@pytest.mark.parametrize("first", [("servo_delay", 0.03), ("servo_backlash", 0.2)])
-def test_of_a_pair_each_fault_must_show_beside_the_other(first: tuple[str, float]) -> None:
-    """A robot with both of them, the other's size not quite known, can imitate a pair; one with one of them cannot."""
+def arm_with_a_load_and(name: str, size: float, load: float) -> tuple[Case, recordings.Truths]:
+    """A recording of the arm with a fault of its elbow, and a heavier forearm."""
     places = cases.all_sites("arm")
-    slow, heavy = (
-        Injected(f.name, f.kind, site.name, site.members, "medium", size, True, site.places)
-        for name, size in (first, ("mass", 1.0))
+    pair = [
+        Injected(f.name, f.kind, site.name, site.members, "medium", amount, True, site.places)
+        for wanted, amount in ((name, size), ("mass", load))
         for f in FAULTS
-        if f.name == name
+        if f.name == wanted
         for site in places[f.kind][1:2]
-    )
-    case = simulate(Case("000", "arm", "pair", (3, 6), 4.0, [slow, heavy]))
-    truths = recordings.Truths(case, robot_of("arm"))
-    assert truths.beyond_healthy(case.columns, [slow, heavy]) < recordings.VISIBLE
-    for other in (slow, heavy):
+    ]
+    case = simulate(Case("000", "arm", "pair", (3, 6), 4.0, pair))
+    return case, recordings.Truths(case, robot_of("arm"))
+
+
+@pytest.mark.parametrize(("name", "size"), [("servo_delay", 0.03), ("servo_backlash", 0.2)])
+def test_of_a_pair_each_fault_must_show_beside_the_other(name: str, size: float) -> None:
+    """A robot with both of them, the other's size not quite known, can imitate a pair; one with one of them cannot."""
+    case, truths = arm_with_a_load_and(name, size, load=1.0)
+    assert truths.beyond_healthy(case.columns, case.faults) < recordings.VISIBLE
+    for other in case.faults:
         assert truths.beyond_healthy(case.columns, [other]) > recordings.VISIBLE
 
 
-def test_of_a_pair_the_play_s_width_may_be_off_as_well() -> None:
+def test_of_a_pair_the_play_s_width_may_be_off_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
     """Most of what is left with a play that is a quarter too wide goes when the play may be narrower."""
-    places = cases.all_sites("arm")
-    play, heavy = (
-        Injected(f.name, f.kind, site.name, site.members, "medium", size, True, site.places)
-        for name, size in (("servo_backlash", 0.2), ("mass", 0.6))
-        for f in FAULTS
-        if f.name == name
-        for site in places[f.kind][1:2]
-    )
-    case = simulate(Case("000", "arm", "pair", (3, 6), 4.0, [play, heavy]))
-    truths = recordings.Truths(case, robot_of("arm"))
-    wide = replace(play, size=1.25 * play.size)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recordings, "ABOUT", 0.0)
-        stiff = truths.beyond_healthy(case.columns, [wide, heavy])
-    assert truths.beyond_healthy(case.columns, [wide, heavy]) < 0.5 * stiff
+    case, truths = arm_with_a_load_and("servo_backlash", 0.2, load=0.6)
+    play, heavy = case.faults
+    wide = [replace(play, size=1.25 * play.size), heavy]
+    free = truths.beyond_healthy(case.columns, wide)
+    monkeypatch.setattr(recordings, "ABOUT", 0.0)
+    assert free < 0.5 * truths.beyond_healthy(case.columns, wide)
 
 
 def test_faults_that_are_one_change_under_two_names_are_not_drawn() -> None:

@@ -26,7 +26,12 @@ ZERO, ZERO_SHARE = 0.006, 0.03
 IMITATED, IMITATED_WALK, WINDOW = 4.0, 2.0, 0.2
 """[s] of a recording that are looked at; of a walk less, put back to where the robot was at the start of each window,
 because nothing smooth describes what its numbers do to its way."""
-_ROUNDS, _STEPS, _STEP, _BETTER = 4, 3, 0.5, 0.9
+_STEP = 0.5
+"""Of a number, for its sensitivity."""
+_ROUNDS, _BETTER = 4, 0.9
+"""Sensitivities are taken so often at most, and anew only where the last ones took a tenth of what was left."""
+_STEPS, _FURTHER = 3, 0.98
+"""With the same sensitivities so many steps at most, each of which must take a fiftieth."""
 
 
 def nominal_numbers(truth: Truth) -> list[Callable[[float], None]]:
@@ -66,6 +71,7 @@ def nominal_numbers(truth: Truth) -> list[Callable[[float], None]]:
 
 
 def _shift(model: mujoco.MjModel, body: int, axis: int, z: float) -> None:
+    """A mass that lies elsewhere, by a share of how far it spreads and hangs."""
     spread = np.sqrt(model.body_inertia[body].max() / model.body_mass[body])
     size = np.hypot(spread, 0.5 * np.linalg.norm(model.body_ipos[body]))
     model.body_ipos[body, axis] += OFF_CENTRE * size * z
@@ -73,10 +79,12 @@ def _shift(model: mujoco.MjModel, body: int, axis: int, z: float) -> None:
 
 
 def _lean(model: mujoco.MjModel, axis: int, z: float) -> None:
+    """Gravity along z that leans a little, so little that its size stays."""
     model.opt.gravity[axis] += LEAN * z * np.linalg.norm(model.opt.gravity)
 
 
 def _begin(truth: Truth, joint: str, z: float) -> None:
+    """A joint that begins elsewhere."""
     model = truth.model
     at = truth.addresses(joint)[-1]
     usual = model.key_qpos[0, at] if model.nkey else model.qpos0[at]
@@ -98,7 +106,7 @@ def left_by_imitation(seen: Callable[[Array], Array], recorded: Array, count: in
         for _ in range(_STEPS):
             tried = z + lsq_linear(slopes, (recorded - at).ravel(), (-1.0 - z - 1e-9, 1.0 - z + 1e-9)).x
             there = seen(tried)
-            if _size(recorded - there) > 0.98 * best:
+            if _size(recorded - there) > _FURTHER * best:
                 break
             z, at, best = tried, there, _size(recorded - there)
         if best > _BETTER * before:

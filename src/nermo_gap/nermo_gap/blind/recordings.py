@@ -186,18 +186,17 @@ class Truths:
         sizes = len(others)
 
         def seen(z: Array) -> Array:
-            by = z[numbers : numbers + sizes]
+            steps, by, zero, late = np.split(z, np.cumsum([numbers, sizes, len(zeros)]))
             like = [replace(f, size=stronger(f.name, f.size, 1.0 + ABOUT * b)) for f, b in zip(others, by, strict=True)]
             made, moves = self._imitator(like)
-            for move, off in zip(moves, z[:numbers], strict=True):
-                move(off)
+            for move, step in zip(moves, steps, strict=True):
+                move(step)
             self._put_in(made, like)
             run = record(made, told(made.model, self._robot.mapping, table), {}, np.random.default_rng(0), put)
-            late = 0.0 if walks else LATE * z[-1]
-            off = dict.fromkeys(names, 0.0) | {
-                c: b * zeros[c] for c, b in zip(zeros, z[numbers + sizes : -1], strict=True)
-            }
-            found = (np.interp(run.time - late, run.time, run.columns[c]) + off[c] for c in names)
+            # What is put back to where it was is at every window's start in time.
+            time = run.time if walks else run.time - LATE * late[0]
+            off = dict.fromkeys(names, 0.0) | {c: b * zeros[c] for c, b in zip(zeros, zero, strict=True)}
+            found = (np.interp(time, run.time, run.columns[c]) + off[c] for c in names)
             return np.stack([column / self.noise[c] for c, column in zip(names, found, strict=True)], 1)
 
         measured = self.in_si(columns)

@@ -112,8 +112,7 @@ def enumerate_nuisances(plant: Plant, output_swing: Array, input_size: Array, pe
     if feet:
         found.append(Nuisance("ground friction", _ground(world, feet)))
         found.append(Nuisance("contact softness", _softness(world, feet)))
-        if model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC:
-            found.append(Nuisance("firmness of friction", firmness))
+        found += firmness(model)
     if np.linalg.norm(model.opt.gravity) > 0:
         found += [Nuisance("pitch of gravity", lambda v, z: lean(v.model, TILT * z, 0.0))]
         found += [Nuisance("roll of gravity", lambda v, z: lean(v.model, 0.0, TILT * z))]
@@ -229,9 +228,13 @@ def _softness(world: Sequence[int], feet: Sequence[int]) -> Callable[[Variant, f
     return apply
 
 
-def firmness(variant: Variant, z: float) -> None:
-    """How firmly friction holds, of elliptic cones."""
-    variant.model.opt.impratio *= np.exp(FIRMNESS * z)
+def firmness(model: mujoco.MjModel) -> list[Nuisance]:
+    """How firmly friction holds against its normal force: a number of elliptic cones, which others do not have."""
+
+    def apply(variant: Variant, z: float) -> None:
+        variant.model.opt.impratio *= np.exp(FIRMNESS * z)
+
+    return [Nuisance("firmness of friction", apply)] if model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC else []
 
 
 def _zero(channel: int, sd: float) -> Callable[[Variant, float], None]:

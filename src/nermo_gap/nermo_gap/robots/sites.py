@@ -144,8 +144,7 @@ def nuisances(plant: Plant, output_swing: Array, input_size: Array, period: floa
     world, feet = colliding(model)
     found.append(Nuisance("ground friction", _sliding([*world, *feet])))
     found.append(Nuisance("contact softness", _softness([*world, *feet])))
-    if model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC:
-        found.append(Nuisance("firmness of friction", prior.firmness))
+    found += prior.firmness(model)
     found.append(Nuisance("pitch of gravity", lambda v, z: lean(v.model, prior.TILT * z, 0.0)))
     found.append(Nuisance("roll of gravity", lambda v, z: lean(v.model, 0.0, prior.TILT * z)))
     for i, output in enumerate(plant.outputs):
