@@ -19,7 +19,7 @@ from nermo_gap.core.recording import recording_from_table
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.residual import Residuals
 from nermo_gap.core.scales import measure_scales
-from nermo_gap.core.scatter import Likelihood
+from nermo_gap.core.scatter import Likelihood, Room
 from nermo_gap.core.screen import screen
 from nermo_gap.core.structure import REPEATS, predictable_share, repeating_share
 from nermo_gap.core.variant import Variant
@@ -30,9 +30,14 @@ Array = NDArray[np.float64]
 
 def _lossy(table: dict[str, Array]) -> dict[str, Array]:
     """Half of the commands are lost."""
-    kept = np.random.default_rng(5).random(len(table["u"])) > 0.5
+    kept = np.random.default_rng(5).random(len(next(iter(table.values())))) > 0.5
     kept[0] = True
-    return {"u": table["u"][np.maximum.accumulate(np.where(kept, np.arange(len(kept)), 0))]}
+    acting = np.maximum.accumulate(np.where(kept, np.arange(len(kept)), 0))
+    return {name: u[acting] for name, u in table.items()}
+
+
+def _weaken(model: mujoco.MjModel) -> None:
+    model.actuator_gear[:] *= 0.6
 
 
 def _rub(model: mujoco.MjModel) -> None:
@@ -70,9 +75,10 @@ def test_a_step_of_the_nuisances_stays_in_their_box_and_never_costs(seed: int, a
     square = np.einsum("iwn,jwn->wij", columns, columns)
     likelihood = Likelihood(square, np.zeros(nw), np.full(nw, float(n)))
     z = np.zeros(3)
-    step = likelihood.fitted(z, np.ones(nw, bool))
+    room = Room(z, np.ones(3), np.full(3, -BOX), np.full(3, BOX))
+    step = likelihood.fitted(room, np.ones(nw, bool))
     assert np.abs(z + step).max() <= BOX + 1e-6
-    before, after = (likelihood.costs(s).sum() + 0.5 * s @ s for s in (z, step))
+    before, after = (likelihood.costs(s).sum() + room.prior(s) for s in (z, step))
     assert after <= before + 1e-6
 
 
@@ -103,6 +109,22 @@ def test_an_effect_is_found_under_what_a_lossy_link_scatters() -> None:
     assert found["coulomb_friction"]["value"] == pytest.approx(0.15, rel=0.15), report["reasons"]
     assert link == {"link_loss"} or ["link_jitter@all", "link_loss@all"] in report["equivalent"]
     assert len(link) == 1 and report["verdict"] in ("effect", "ambiguous")
+
+
+def test_what_stands_in_for_a_links_mean_is_not_named_beside_it() -> None:
+    """The mean of a link is a delay, found first; the gain's size is right only once the link has its place."""
+    plant = plant_of("cart_pole")
+    table = simulate("cart_pole", 12.0, change=_weaken, signal=_lossy)
+    only = ("link_loss", "link_jitter", "servo_delay", "servo_gain", "sensor_scale", "coulomb_friction")
+    report = diagnose(
+        [recording_from_table(table, plant)], plant, Options(only=only, baselines=False, threads=1)
+    ).report
+    found = {e["name"]: next(iter(e["parameters"].values())) for e in report["effects"]}
+    assert "servo_gain" in found and len(found) == 2, report["reasons"]
+    assert set(found) & {"link_loss", "link_jitter"}
+    # Gains are nominal numbers too, of 5 %.
+    assert found["servo_gain"]["value"] == pytest.approx(0.6, rel=0.1)
+    assert found["servo_gain"]["ci90"][0] < 0.6 < found["servo_gain"]["ci90"][1] * 1.05
 
 
 def test_of_two_laws_of_friction_the_simple_one_is_named() -> None:

@@ -294,7 +294,7 @@ class Fitter:
         if select is not None:
             self.jacobian = self.jacobian[:, select]
         for _ in range(iterations):
-            jacobian, fresh = self._effect_jacobian(hypothesis, x, z, residual, scale, high, select), True
+            jacobian, fresh = self.sensitivities(hypothesis, x, z, residual, select), True
             reach = 3.0 + np.abs(x - neutral) / np.maximum(scale, 1e-300)
             bounds = np.maximum((low - x) / scale, -reach), np.minimum((high - x) / scale, reach)
             dx, dz, _ = self.solve(residual, jacobian, z, *bounds, select, self.jacobian, box)
@@ -322,7 +322,7 @@ class Fitter:
             residual, fresh = self.replay(hypothesis, [(x, z)])[0], False
             cost = self._cost(residual, z)
         if len(x) and not fresh:
-            jacobian = self._effect_jacobian(hypothesis, x, z, residual, scale, high)
+            jacobian = self.sensitivities(hypothesis, x, z, residual)
         return Fit(hypothesis, x, z, cost, residual, jacobian)
 
     def cross_validate(self, fit: Fit) -> Fit:
@@ -366,19 +366,13 @@ class Fitter:
         fit.covariance = np.linalg.inv(normal)[: len(fit.x), : len(fit.x)] * np.outer(scale, scale)
         return fit
 
-    def _effect_jacobian(
-        self,
-        hypothesis: Hypothesis,
-        x: Array,
-        z: Array,
-        residual: Array,
-        scale: Array,
-        high: Array,
-        select: Ints | None = None,
+    def sensitivities(
+        self, hypothesis: Hypothesis, x: Array, z: Array, residual: Array, select: Ints | None = None
     ) -> Array:
-        """By scaled parameter, (ne, nw, ns, nl)."""
+        """Change of the residual, known at (x, z), by scaled parameter of the effects, (ne, nw, ns, nl)."""
         if not len(x):
             return np.zeros((0, *residual.shape))
+        scale, high = hypothesis.vector("scale"), hypothesis.vector("high")
         points, steps = [], np.where(x + _STEP * scale <= high, _STEP, -_STEP)
         for i, s in enumerate(steps):
             moved = x.copy()

@@ -23,6 +23,8 @@ RELEVANT = 0.10
 """An effect must take at least this share of the gap (or as much strain off the priors as EVIDENCE)."""
 MORE = 0.3
 """Any further effect must take this share of what the typical window is left with above the noise floor."""
+_OUT = 3.0
+"""Unless it takes so many times what any other effect takes in its place: the misfit of a law has no such favourite."""
 UNEXPLAINED = 2.0
 """[noise floors] An effect that is the cause leaves a typical window with no more."""
 TIE = 0.5
@@ -127,11 +129,19 @@ def simplest(scores: Scores, scored: Sequence[Scored], without: Scored, sites: C
     return chosen
 
 
-def earns(scores: Scores, without: Scored, with_: Scored, looked_at: int) -> bool:
+def stands_out(without: Fit, with_: Fit, others: Sequence[Scored]) -> bool:
+    """Whether one effect more takes far more, in sample, than any other would in its place."""
+    mine = {e.key for e in with_.hypothesis.effects}
+    rest = [without.cost - o.fit.cost for o in others if {e.key for e in o.fit.hypothesis.effects} != mine]
+    return without.cost - with_.cost > _OUT * max([EVIDENCE_MORE, *rest])
+
+
+def earns(scores: Scores, without: Scored, with_: Scored, looked_at: int, unrivalled: bool = False) -> bool:
     """Whether the larger hypothesis is worth having.
 
     Of one effect more, a good part of what is left above the noise floor is asked: nothing is quite as its model
-    says (a friction's law, a servo's), and there is always some effect that takes a little of that.
+    says (a friction's law, a servo's), and there is always some effect that takes a little of that; not of one that is
+    ``unrivalled``.
     """
     gain, low, _ = scores.difference(without.fit, with_.fit)
     if without.fit.likelihood is None and with_.fit.likelihood is None:
@@ -141,7 +151,7 @@ def earns(scores: Scores, without: Scored, with_: Scored, looked_at: int) -> boo
     strain = without.fit.prior - with_.fit.prior
     if without.fit.hypothesis.effects:
         relevant = after - 1.0 < (1.0 - MORE) * (before - 1.0)
-        relevant |= bool(without.fit.strained) and strain > EVIDENCE
+        relevant |= unrivalled or (bool(without.fit.strained) and strain > EVIDENCE)
     else:
         left = 1.0 - RELEVANT
         relevant = with_.gap < left * without.gap or after < left * before or strain > EVIDENCE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,6 @@ from scipy.optimize import lsq_linear
 
 from nermo_gap.core.fit import Fitter
 from nermo_gap.core.lateness import Lateness
-from nermo_gap.core.nuisance import BOX
 from nermo_gap.core.residual import weighed
 from nermo_gap.core.variant import Variant
 
@@ -23,15 +23,35 @@ _KNOTS = 60
 _ORDER = 8
 """Samples that the autoregression looks back."""
 _ROUNDS = 4
-"""In which nuisances and the size of each window's residual are fitted in turn."""
+"""In which numbers and the size of each window's residual are fitted in turn."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """Where a step of numbers that enter linearly may lead.
+
+    Attributes:
+        at: (n,) where they are.
+        precision: (n,) of their priors about 0.
+        low, high: (n,) bounds.
+    """
+
+    at: Array
+    precision: Array
+    low: Array
+    high: Array
+
+    def prior(self, step: Array) -> float:
+        """Cost [nats] of the priors after a step."""
+        return 0.5 * float(self.precision @ (self.at + step) ** 2)
 
 
 @dataclass(frozen=True)
 class Likelihood:
-    """How likely every window is under one law, as a function of the nuisances, which enter linearly.
+    """How likely every window is under one law, as a function of n numbers that enter linearly.
 
     Attributes:
-        square: (nw, 1 + nn, 1 + nn) products of residual and sensitivities in the metric of what the law predicts.
+        square: (nw, 1 + n, 1 + n) products of residual and sensitivities in the metric of what the law predicts.
         volume: (nw,) half the log of the determinant of the predicted covariance [nats].
         samples: (nw,) recorded.
     """
@@ -41,25 +61,35 @@ class Likelihood:
     samples: Array
 
     def costs(self, step: Array) -> Array:
-        """Cost (nw,) [nats] of every window, nuisances moved by ``step``; a misfit may be larger than was predicted."""
+        """Cost (nw,) [nats] of every window after a step (n,); a misfit may be larger than was predicted."""
         found = self._size(step)
         size = np.maximum(found, 1.0)
         cost: Array = 0.5 * self.samples * (np.log(size) + found / size) + self.volume
         return cost
 
-    def fitted(self, z: Array, train: NDArray[np.bool_], box: float = BOX) -> Array:
-        """Step (nn,) of the nuisances from ``z``, within their ``box``, that the windows of ``train`` like best."""
-        step: Array = np.zeros(len(z))
-        if not len(z):
+    def fitted(self, room: Room, train: NDArray[np.bool_]) -> Array:
+        """The step (n,) that the windows of ``train`` like best."""
+        step: Array = np.zeros(len(room.at))
+        if not len(step):
             return step
         for _ in range(_ROUNDS):
-            weight = train / np.maximum(self._size(step), 1.0)
-            normal = np.tensordot(weight, self.square, 1)
-            factor = np.linalg.cholesky(normal[1:, 1:] + np.eye(len(z))).T
-            target = -np.linalg.solve(factor.T, normal[1:, 0] + z)
-            # Not clipped: where several nuisances make up for each other, a clipped step is worse than none.
-            step = lsq_linear(factor, target, (-box - z - 1e-9, box - z + 1e-9), method="bvls").x
+            normal, slope = self._normal(step, room, train)
+            factor = np.linalg.cholesky(normal).T
+            target = -np.linalg.solve(factor.T, slope)
+            bounds = room.low - room.at - 1e-9, room.high - room.at + 1e-9
+            # Not clipped: where several numbers make up for each other, a clipped step is worse than none.
+            step = lsq_linear(factor, target, bounds, method="bvls").x
         return step
+
+    def covariance(self, step: Array, room: Room) -> Array:
+        """(n, n) Of the numbers, in all windows, about a step."""
+        inverse: Array = np.linalg.inv(self._normal(step, room, np.ones(len(self.samples), bool))[0])
+        return inverse
+
+    def _normal(self, step: Array, room: Room, train: NDArray[np.bool_]) -> tuple[Any, Any]:
+        weight = train / np.maximum(self._size(step), 1.0)
+        normal = np.tensordot(weight, self.square, 1)
+        return normal[1:, 1:] + np.diag(room.precision), normal[1:, 0] + room.precision * room.at
 
     def _size(self, step: Array) -> Array:
         """(nw,) Mean square of a window in units of what is predicted."""
@@ -80,9 +110,12 @@ class Scatter:
         """``about``: the model with the law's mean. ``lag``: rows between updates. ``law``: sizes of the responses."""
         self._fitter, self._channels, self._lag = fitter, channels, lag
         windows = fitter.windows
-        piece = max(lag, -(-windows.length // _KNOTS))
-        self._starts = np.arange(0, windows.length, piece)
-        self._rows = windows.start[:, None] + np.arange(windows.length)
+        # A command that comes late, and acts later still, was sent before the window.
+        late = float(about.inputs.delay[channels].max()) / fitter.residuals.replayer.aligned.period
+        before = min(max(round(late), 0), windows.warm_up)
+        piece = max(lag, -(-(before + windows.length) // _KNOTS))
+        self._starts = np.arange(0, before + windows.length, piece)
+        self._rows = windows.start[:, None] + np.arange(-before, windows.length)
         self._deviation = self._moved(law)
         variants = [about]
         for start in self._starts:
@@ -96,10 +129,9 @@ class Scatter:
         self._response: Array = np.moveaxis(flat, 0, -1)
         self._gram = np.swapaxes(self._response, 1, 2) @ self._response
 
-    def likelihood(self, law: Lateness, residual: Array) -> Likelihood:
-        """Of residuals (nw, ns, nl) that the law leaves when its mean is replayed; with the fitter's nuisances."""
-        fitter, nw = self._fitter, len(residual)
-        columns = np.concatenate([residual[None], fitter.jacobian]).reshape(1 + len(fitter.jacobian), nw, -1)
+    def likelihood(self, law: Lateness, residual: Array, sensitivities: Array) -> Likelihood:
+        """Of residuals (nw, ns, nl) that the law leaves when its mean is replayed, and their sensitivities (n, ...)."""
+        columns = np.concatenate([residual[None], sensitivities]).reshape(1 + len(sensitivities), len(residual), -1)
         seen = np.moveaxis(columns, 0, 1).astype(float)
         root = self._root(law)
         turned = np.swapaxes(root, 1, 2)
@@ -108,7 +140,7 @@ class Scatter:
         shadow = np.stack([solve_triangular(f, s, lower=True) for f, s in zip(factor, shadow, strict=True)])
         square = seen @ np.swapaxes(seen, 1, 2) - np.swapaxes(shadow, 1, 2) @ shadow
         volume = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
-        return Likelihood(square, volume, np.maximum(fitter.count.sum(axis=1), 1.0))
+        return Likelihood(square, volume, np.maximum(self._fitter.count.sum(axis=1), 1.0))
 
     def whiten(self, law: Lateness, residual: Array) -> Array:
         """Residuals (nw, ns, nl) in units of noise floor and chance together."""

@@ -23,6 +23,7 @@ from nermo_gap.core.preference import (
     indistinct,
     places,
     simplest,
+    stands_out,
 )
 from nermo_gap.core.scores import Scored, Scores
 from nermo_gap.core.screen import Screened, informative_windows, screen
@@ -79,6 +80,7 @@ class Selection:
         best: the winner, which is the reference where no effect earns its place.
         singles, rivals: scored fits, best first; rivals are those of the winner's size.
         gains: (mean, 5 %, 95 %) of the score that each accepted effect earned when it was added.
+        unrivalled: further effects that took far more than any other would have in their place.
     """
 
     reference: Scored
@@ -88,6 +90,7 @@ class Selection:
     rivals: list[Scored] = field(default_factory=list)
     gains: list[tuple[float, float, float]] = field(default_factory=list)
     screened: list[Screened] = field(default_factory=list)
+    unrivalled: set[str] = field(default_factory=set)
 
 
 def _score(scored: Scored) -> float:
@@ -151,7 +154,7 @@ class Selector:
     ) -> Selection:
         """One effect after the other, beginning with ``first``, as long as that is worth it."""
         gain = self.scores.difference(result.reference.fit, first.fit)
-        found = replace(result, best=first, singles=singles, rivals=singles, gains=[gain])
+        found = replace(result, best=first, singles=singles, rivals=singles, gains=[gain], unrivalled=set())
         while len(found.best.fit.hypothesis.effects) < self._effort.max_effects:
             enough = self.scores.typical(found.best.fit.held) < ENOUGH and not found.best.fit.strained
             if enough or not self.add(found, screened):
@@ -289,9 +292,11 @@ class Selector:
         for i, effect in enumerate(effects):
             names = [p.name for p in effect.parameters]
             same = [o for o in self.effects if o.key == effect.key and [p.name for p in o.parameters] == names]
+            end = sum(len(e.parameters) for e in effects[: i + 1])
             for other in [*(o for o in same if o.form != effect.form), *effect.alternatives()]:
                 changed = Hypothesis((*effects[:i], other, *effects[i + 1 :]))
-                found.append(self.scores.scored(self.fitter.cross_validate(self.fitter.fit(changed, fit.x, fit.z))))
+                x = np.insert(fit.x, end, [p.tries[0] for p in other.parameters[len(names) :]])
+                found.append(self.scores.scored(self.fitter.cross_validate(self.fitter.fit(changed, x, fit.z))))
         return found
 
     @staticmethod
@@ -323,8 +328,13 @@ class Selector:
         keys = {p.key for p in polished}
         pairs = sorted([*polished, *(p for p in pairs if p.key not in keys)], key=_score)
         best = simplest(self.scores, pairs, base, self._sites)
-        if best is None or not earns(self.scores, base, best, len(others)):
+        if best is None:
             return False
+        unrivalled = stands_out(base.fit, best.fit, pairs)
+        if not earns(self.scores, base, best, len(others), unrivalled):
+            return False
+        if unrivalled:
+            result.unrivalled |= {e.key for e in best.fit.hypothesis.effects} - present
         result.gains.append(self.scores.difference(base.fit, best.fit))
         best = self._follow(best)
         pairs = sorted([best, *(p for p in pairs if p.fit.hypothesis is not best.fit.hypothesis)], key=_score)
@@ -343,7 +353,8 @@ class Selector:
                 x = np.delete(full.x, np.arange(starts[i], starts[i + 1]))
                 without.append(self.scores.scored(self.fitter.polish(self.fitter.fit(Hypothesis(rest), x, full.z))))
             simpler = min(without, key=_score)
-            if earns(self.scores, simpler, result.best, len(self.effects)):
+            lost = {e.key for e in full.hypothesis.effects} - {e.key for e in simpler.fit.hypothesis.effects}
+            if earns(self.scores, simpler, result.best, len(self.effects), lost <= result.unrivalled):
                 result.gains = [self.scores.difference(w.fit, full) for w in without]
                 return
             others = result.singles if len(simpler.fit.hypothesis.effects) == 1 else without

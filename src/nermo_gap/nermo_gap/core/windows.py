@@ -29,6 +29,8 @@ _REST, _NEAR = 0.08, 4.0
 """[s] for which an output stays within so many noise deviations of its extreme where it rests there."""
 _RANGE = 40.0
 """[noise deviations] An output that moves less has no ends."""
+_PATIENCE = 3
+"""Lengths of a window that are waited for a better place to start it."""
 _MAX_SAMPLES = 120
 MAX_WINDOWS = 60
 """More are thinned out by whole blocks: 36 s of scored motion say what a long recording has to say."""
@@ -93,7 +95,9 @@ def at_limit(aligned: Aligned, floor: Array) -> NDArray[np.bool_]:
         if np.ptp(ends) < _RANGE * noise:
             continue
         for end in ends:
-            rests = valid & (np.abs(y - end) < _NEAR * noise)
+            # The extreme lies at the edge of the noise about where it rests.
+            level = np.median(y[valid & (np.abs(y - end) < 2.0 * _NEAR * noise)])
+            rests = valid & (np.abs(y - level) < _NEAR * noise)
             edges = np.flatnonzero(np.diff(np.concatenate([[0], rests.astype(int), [0]]))).reshape(-1, 2)
             for first, last in edges[np.diff(edges, axis=1)[:, 0] >= long]:
                 found[first:last] = True
@@ -109,7 +113,7 @@ def cut(
 ) -> Windows:
     """Tile every run with windows and deal its blocks to folds.
 
-    A window that would begin in an ``avoided`` row (n,) begins later, by its own length at most.
+    A window that would begin in an ``avoided`` row (n,) begins later, by _PATIENCE lengths at most.
 
     Where the recording names runs to be held out, these are the one fold and all others are only fitted. Otherwise
     blocks of neighbouring windows go to FOLDS folds in turn, so that each fold sees the whole recording and no sample
@@ -131,7 +135,7 @@ def cut(
         number += 1
         waited = 0
         while position + length < run.stop:
-            if avoided is not None and waited < length and avoided[position - lead : position + 1].any():
+            if avoided is not None and waited < _PATIENCE * length and avoided[position - lead : position + 1].any():
                 position, waited = position + 1, waited + 1
                 continue
             waited = 0

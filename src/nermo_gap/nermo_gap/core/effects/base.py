@@ -123,7 +123,10 @@ class Effect(ABC):
         """Enter the effect with the given parameter values into ``variant``, in place."""
 
     def alternatives(self) -> Sequence[Effect]:
-        """The same with another law, of the same parameters; tried where this one is among the best."""
+        """The same with another law; tried where this one is among the best, from its values.
+
+        Further parameters come after those of this one, and start at their first try.
+        """
         return ()
 
     def starts(self) -> list[tuple[float, ...]]:

@@ -23,8 +23,9 @@ from nermo_gap.core.effects.base import (
 from nermo_gap.core.variant import Variant
 
 Obj = mujoco.mjtObj
-_LIMIT_SOLREF = (0.004, 1.0)
-"""A stop is hard; MuJoCo's default of 0.02 s lets a small range pass."""
+_HARD = 250.0, 1.0
+"""A stop is hard (how fast it rings [rad/s]; MuJoCo's default of 50 lets a small range pass), and does not bounce (its
+damping ratio)."""
 
 
 def _sprung(model: mujoco.MjModel) -> list[int]:
@@ -102,10 +103,20 @@ class JointRange(Effect):
             yield cls(site, [upper], "upper")
             yield cls(site, [lower], "lower")
 
+    def alternatives(self) -> Sequence[Effect]:
+        """A stop that gives way, and gives back some of the speed."""
+        if len(self.parameters) > 1:
+            return ()
+        ringing = Parameter("frequency", "rad/s", _HARD[0], 40.0, _HARD[0], (150.0,), 40.0)
+        damping = Parameter("damping_ratio", "1", _HARD[1], 0.1, _HARD[1], (0.4,), 0.15)
+        return (type(self)(self.site, [*self.parameters, ringing, damping], f"{self.form}, soft"),)
+
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         model = variant.model
+        frequency, damping = values[1:] or _HARD
         for j in self.site.targets:
             low, high = model.jnt_range[j] if model.jnt_limited[j] else (-1e3, 1e3)
-            model.jnt_range[j] = [low, min(high, values[0])] if self.form == "upper" else [max(low, values[0]), high]
+            upper = self.parameters[0].name == "upper"
+            model.jnt_range[j] = [low, min(high, values[0])] if upper else [max(low, values[0]), high]
             model.jnt_limited[j] = 1
-            model.jnt_solref[j] = _LIMIT_SOLREF
+            model.jnt_solref[j] = 1.0 / (frequency * damping), damping
