@@ -9,9 +9,19 @@ import numpy as np
 import pytest
 from robots import plant_of, simulate
 
+from nermo_gap.core.align import align
 from nermo_gap.core.diagnose import Diagnosis, Options, diagnose
-from nermo_gap.core.hypothesis import Hypothesis
+from nermo_gap.core.effects.base import Context
+from nermo_gap.core.hypothesis import Fit, Hypothesis
+from nermo_gap.core.library import enumerate_effects
+from nermo_gap.core.noise import noise_floor
+from nermo_gap.core.preference import stands_out
 from nermo_gap.core.recording import recording_from_table
+from nermo_gap.core.replay import Replayer
+from nermo_gap.core.scales import measure_scales
+from nermo_gap.core.scores import Scored
+from nermo_gap.core.variant import Variant
+from nermo_gap.core.windows import cut
 
 
 def _names(found: Diagnosis) -> set[str]:
@@ -55,6 +65,46 @@ def test_a_wrong_first_effect_is_given_up_for_what_was_found_beside_it() -> None
     better = selector._begun_elsewhere(stuck, right.screened).best
     assert {e.key for e in better.fit.hypothesis.effects} == {"coulomb_friction@hinge", "viscous_friction@hinge"}
     assert better.score < stuck.best.score
+
+
+def test_a_stop_that_gives_way_is_told_with_its_law() -> None:
+    def stop(model: mujoco.MjModel) -> None:
+        joint = model.joint("pan")
+        joint.range, model.jnt_limited[joint.id] = [-9.0, 0.3], 1
+        model.jnt_solref[joint.id] = 1.0 / (120.0 * 0.2), 0.2
+
+    plant, table = plant_of("camera"), simulate("camera", 12.0, change=stop)
+    only = ("joint_range", "joint_stiffness", "servo_gain", "servo_torque_limit")
+    found = diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=only, threads=1))
+    (effect,) = found.report["effects"]
+    assert (effect["name"], effect["site"], effect["form"]) == ("joint_range", "pan", "upper, soft")
+    values = {name: p["value"] for name, p in effect["parameters"].items()}
+    assert values["upper"] == pytest.approx(0.3, abs=0.005)
+    assert values["frequency"] == pytest.approx(120.0, rel=0.05)
+    assert values["damping_ratio"] == pytest.approx(0.2, rel=0.05)
+    # A law that bounces a little otherwise leaves a third of it.
+    typical = found.report["gap"]["typical"]
+    assert typical["after"] < 0.03 * typical["before"]
+
+
+@pytest.mark.parametrize(("others", "alone"), [((5.0, 2.0), True), ((60.0, 2.0), False), ((-3.0,), True)])
+def test_an_effect_stands_out_where_no_other_takes_a_third_of_what_it_takes(
+    others: tuple[float, ...], alone: bool
+) -> None:
+    plant = plant_of("pendulum")
+    aligned = align(recording_from_table(simulate("pendulum", 6.0), plant), plant)
+    replayer = Replayer(plant, aligned, cut(aligned), noise_floor(aligned), 1)
+    effects = enumerate_effects(Context(plant, measure_scales(replayer, Variant.nominal(plant))))
+
+    def fit(cost: float, *which: int) -> Scored:
+        none = np.zeros(0)
+        return Scored(Fit(Hypothesis(tuple(effects[i] for i in which)), none, none, cost, none, none), cost, 1.0)
+
+    base, best = fit(1000.0, 0), fit(900.0, 0, 1)
+    rivals = [best, *(fit(1000.0 - gain, 0, 2 + i) for i, gain in enumerate(others))]
+    assert stands_out(base.fit, best.fit, rivals) is alone
+    # A little is never much more than nothing.
+    assert not stands_out(base.fit, fit(990.0, 0, 1).fit, rivals[:1])
 
 
 def test_a_second_effect_is_found_that_strained_nominal_numbers_had_swallowed() -> None:

@@ -150,6 +150,17 @@ def test_a_broken_simulation_is_told_apart() -> None:
     assert np.isfinite(outputs[0]).all() and np.isnan(outputs[1]).any()
 
 
+def test_a_sensor_rests_at_its_limit_although_its_noise_was_judged_too_small() -> None:
+    _, aligned, floor = aligned_of("arm", simulate("arm", 12.0))
+    limit = np.percentile(aligned.outputs[:, 0], 70)
+    outputs, seen = aligned.outputs.copy(), aligned.outputs[:, 0] > limit
+    noise = 1.5 * floor[0] * np.random.default_rng(0).standard_normal(int(seen.sum()))
+    outputs[seen, 0] = limit + noise
+    outputs[:, 1] = 0.0
+    found = at_limit(replace(aligned, outputs=outputs), floor)
+    assert np.mean(found[seen]) > 0.8 and np.mean(found[~seen]) < 0.02
+
+
 def test_windows_do_not_begin_where_a_sensor_is_saturated() -> None:
     _, aligned, floor = aligned_of("arm", simulate("arm", 12.0))
     assert not at_limit(

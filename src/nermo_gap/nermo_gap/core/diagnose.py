@@ -46,7 +46,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 SCHEMA = "nermo_gap/diagnosis/1"
-HEAVY = Effort(hopeful=20, survivors=5, finalists=3, leaders=1, rounds=1, partners=4, max_effects=2)
+HEAVY = Effort(hopeful=20, survivors=5, finalists=3, leaders=1, rounds=1, partners=4, max_effects=2, sought=60)
 """Of models with more than LIGHT degrees of freedom, which take a hundred times longer to replay than a pendulum."""
 LAW = 0.03
 """Standard error of any parameter as a share of its size (for a factor: of its distance from 1), beside what the data

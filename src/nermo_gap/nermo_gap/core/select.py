@@ -27,6 +27,7 @@ from nermo_gap.core.preference import (
 )
 from nermo_gap.core.scores import Scored, Scores
 from nermo_gap.core.screen import Screened, informative_windows, screen
+from nermo_gap.core.seek import seek
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -68,6 +69,8 @@ class Effort:
     partners: int = PARTNERS
     """Candidates that are fitted as one effect more."""
     max_effects: int = MAX_EFFECTS
+    sought: int = 200
+    """Replays in search of a law with more parameters."""
 
 
 @dataclass
@@ -292,10 +295,11 @@ class Selector:
         for i, effect in enumerate(effects):
             names = [p.name for p in effect.parameters]
             same = [o for o in self.effects if o.key == effect.key and [p.name for p in o.parameters] == names]
-            end = sum(len(e.parameters) for e in effects[: i + 1])
+            first = sum(len(e.parameters) for e in effects[:i])
             for other in [*(o for o in same if o.form != effect.form), *effect.alternatives()]:
-                changed = Hypothesis((*effects[:i], other, *effects[i + 1 :]))
-                x = np.insert(fit.x, end, [p.tries[0] for p in other.parameters[len(names) :]])
+                changed, x = Hypothesis((*effects[:i], other, *effects[i + 1 :])), fit.x
+                if further := other.parameters[len(names) :]:
+                    x = seek(self.fitter, changed, fit.x, fit.z, first, further, self._effort.sought)
                 found.append(self.scores.scored(self.fitter.cross_validate(self.fitter.fit(changed, x, fit.z))))
         return found
 

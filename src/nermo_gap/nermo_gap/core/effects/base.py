@@ -125,7 +125,7 @@ class Effect(ABC):
     def alternatives(self) -> Sequence[Effect]:
         """The same with another law; tried where this one is among the best, from its values.
 
-        Further parameters come after those of this one, and start at their first try.
+        Further parameters come after those of this one.
         """
         return ()
 

@@ -107,8 +107,8 @@ class JointRange(Effect):
         """A stop that gives way, and gives back some of the speed."""
         if len(self.parameters) > 1:
             return ()
-        ringing = Parameter("frequency", "rad/s", _HARD[0], 40.0, _HARD[0], (150.0,), 40.0)
-        damping = Parameter("damping_ratio", "1", _HARD[1], 0.1, _HARD[1], (0.4,), 0.15)
+        ringing = Parameter("frequency", "rad/s", _HARD[0], 40.0, _HARD[0], (100.0, 200.0), 40.0)
+        damping = Parameter("damping_ratio", "1", _HARD[1], 0.1, _HARD[1], (0.2, 0.6), 0.15)
         return (type(self)(self.site, [*self.parameters, ringing, damping], f"{self.form}, soft"),)
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
