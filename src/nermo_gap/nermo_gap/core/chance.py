@@ -64,7 +64,8 @@ class Chance:
     def reconsider(self, selection: Selection, thorough: bool = True) -> None:
         """Put a random effect in the place of the winner, or beside others, where it is better; edits ``selection``.
 
-        Not ``thorough``, only where the mean of a random link is about the best already, and nothing beside it.
+        Not ``thorough``, only where the mean of a random link is about the best already, and beside other effects only
+        where it is the best.
         """
         selector, best = self._selector, selection.best
         close = best.score + indistinct(selection.reference.score - best.score)

@@ -113,7 +113,7 @@ def cut(
 ) -> Windows:
     """Tile every run with windows and deal its blocks to folds.
 
-    A window that would begin in an ``avoided`` row (n,) begins later, by _PATIENCE lengths at most.
+    A window that would begin in an ``avoided`` row (n,) begins later, by three of its lengths at most.
 
     Where the recording names runs to be held out, these are the one fold and all others are only fitted. Otherwise
     blocks of neighbouring windows go to FOLDS folds in turn, so that each fold sees the whole recording and no sample
