@@ -153,6 +153,25 @@ def test_a_softer_onset_lets_a_landing_change_without_jumps() -> None:
     assert jump(soft=True) < 0.25 * jump(soft=False)
 
 
+def test_a_spring_that_is_added_to_a_spring_pulls_to_the_zero() -> None:
+    replayer, nominal, effects = _setup("leg")
+    added = next(e for e in effects if repr(e) == "joint_stiffness@knee (added)")
+    (joint,), changed = added.site.targets, nominal.copy()
+    added.apply(changed, (0.4,))
+    model = replayer.plant.model
+    address, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+    assert model.jnt_stiffness[joint] > 0.0 and model.qpos_spring[address] != model.qpos0[address]
+    data = mujoco.MjData(model)
+    for q in (-0.5, 0.2, 0.9):
+        forces = []
+        for variant in (nominal, changed):
+            mujoco.mj_resetData(variant.model, data)
+            data.qpos[address] = q
+            mujoco.mj_forward(variant.model, data)
+            forces.append(float(data.qfrc_spring[dof]))
+        assert forces[1] - forces[0] == pytest.approx(-0.4 * (q - model.qpos0[address]), abs=1e-9)
+
+
 def test_groups_come_from_shared_words() -> None:
     names = [
         f"{end}_{side}_{part}" for end in ("front", "rear") for side in ("left", "right") for part in ("hip", "knee")

@@ -11,21 +11,40 @@ from robots import plant_of, simulate
 
 from nermo_gap.core.align import align
 from nermo_gap.core.diagnose import Diagnosis, Options, diagnose
-from nermo_gap.core.effects.base import Context
+from nermo_gap.core.effects.base import Context, Effect
+from nermo_gap.core.fit import Fitter
 from nermo_gap.core.hypothesis import Fit, Hypothesis
 from nermo_gap.core.library import enumerate_effects
 from nermo_gap.core.noise import noise_floor
-from nermo_gap.core.preference import stands_out
+from nermo_gap.core.nuisance import BOX
+from nermo_gap.core.plant import Plant
+from nermo_gap.core.preference import earns, stands_out
 from nermo_gap.core.recording import recording_from_table
 from nermo_gap.core.replay import Replayer
+from nermo_gap.core.residual import Residuals
 from nermo_gap.core.scales import measure_scales
-from nermo_gap.core.scores import Scored
+from nermo_gap.core.scores import Scored, Scores
 from nermo_gap.core.variant import Variant
 from nermo_gap.core.windows import cut
 
 
 def _names(found: Diagnosis) -> set[str]:
     return {f"{e['name']}@{e['site']}" for e in found.report["effects"]}
+
+
+_DRAG = ("coulomb_friction", "viscous_friction", "servo_gain")
+
+
+def _drag_and_friction() -> tuple[Plant, Diagnosis]:
+    """A hinge with both."""
+
+    def stick(model: mujoco.MjModel) -> None:
+        model.dof_damping[:] += 0.15
+        model.dof_frictionloss[:] += 0.1
+
+    plant, table = plant_of("pendulum"), simulate("pendulum", 12.0, change=stick)
+    options = Options(baselines=False, only=_DRAG, threads=1)
+    return plant, diagnose([recording_from_table(table, plant)], plant, options)
 
 
 def test_a_soft_foot_is_not_taken_for_a_sensor_of_height() -> None:
@@ -49,13 +68,7 @@ def test_a_soft_foot_is_not_taken_for_a_sensor_of_height() -> None:
 def test_a_wrong_first_effect_is_given_up_for_what_was_found_beside_it() -> None:
     """Drag and friction of a hinge; begun with a gain, friction was added, and too much is left."""
 
-    def stick(model: mujoco.MjModel) -> None:
-        model.dof_damping[:] += 0.15
-        model.dof_frictionloss[:] += 0.1
-
-    plant, table = plant_of("pendulum"), simulate("pendulum", 12.0, change=stick)
-    only = ("coulomb_friction", "viscous_friction", "servo_gain")
-    found = diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=only, threads=1))
+    _, found = _drag_and_friction()
     selector, right = found.selector, found.selection
     kinds = {e.name: e for e in selector.effects}
     wrong = Hypothesis((kinds["servo_gain"], kinds["coulomb_friction"]))
@@ -65,6 +78,54 @@ def test_a_wrong_first_effect_is_given_up_for_what_was_found_beside_it() -> None
     better = selector._begun_elsewhere(stuck, right.screened).best
     assert {e.key for e in better.fit.hypothesis.effects} == {"coulomb_friction@hinge", "viscous_friction@hinge"}
     assert better.score < stuck.best.score
+
+
+def test_two_effects_are_found_of_which_none_would_do_alone() -> None:
+    plant, found = _drag_and_friction()
+    selector, right = found.selector, found.selection
+    nothing = replace(right, best=right.reference, gains=[])
+    both = selector._only_together(nothing, right.screened).best
+    assert {e.key for e in both.fit.hypothesis.effects} == {"coulomb_friction@hinge", "viscous_friction@hinge"}
+    # Where nothing is left to find, nothing is.
+    healthy = simulate("pendulum", 12.0)
+    clean = diagnose([recording_from_table(healthy, plant)], plant, Options(baselines=False, only=_DRAG, threads=1))
+    assert clean.selection.best is clean.selection.reference
+    assert clean.selector._only_together(clean.selection, clean.selection.screened).best is clean.selection.reference
+
+
+def test_what_bent_nominal_numbers_hide_is_found_beside_untouched_ones() -> None:
+    _, found = _drag_and_friction()
+    selector, right = found.selector, found.selection
+    single = min((s for s in right.singles if "coulomb" in s.key), key=lambda s: s.score)
+    bent = replace(single.fit, z=np.full_like(single.fit.z, BOX))
+    stuck = replace(right, best=selector.scores.scored(replace(bent, held=single.fit.held)))
+    before = selector.fitter.jacobian
+    fits = {frozenset(e.key for e in s.fit.hypothesis.effects): s.fit for s in selector._beside_untouched(stuck)}
+    both = fits[frozenset({"coulomb_friction@hinge", "viscous_friction@hinge"})]
+    assert both.cost < right.best.fit.cost + 3.0
+    assert selector.fitter.jacobian is before
+
+
+def test_an_effect_counts_that_shows_beside_a_channel_that_is_far_off() -> None:
+    plant = plant_of("arm")
+    aligned = align(recording_from_table(simulate("arm", 8.0), plant), plant)
+    nominal = Variant.nominal(plant)
+    replayer = Replayer(plant, aligned, cut(aligned), noise_floor(aligned), 1)
+    fitter = Fitter(Residuals.build(replayer, nominal), [])
+    scores = Scores(fitter)
+    effects = enumerate_effects(Context(plant, measure_scales(replayer, nominal)))
+
+    def fit(second: float, *effects: Effect) -> Scored:
+        held = np.broadcast_to([200.0**2, second**2], fitter.recorded.shape)
+        none = np.zeros(0)
+        cost = float(fitter.data_cost(held))
+        return scores.scored(Fit(Hypothesis(effects), none, none, cost, none, none, held))
+
+    without, with_ = fit(20.0), fit(2.0, effects[0])
+    assert with_.gap > 0.99 * without.gap
+    assert earns(scores, without, with_, 100)
+    # A hundredth of one channel is nothing.
+    assert not earns(scores, without, fit(19.8, effects[0]), 100)
 
 
 def test_a_stop_that_gives_way_is_told_with_its_law() -> None:

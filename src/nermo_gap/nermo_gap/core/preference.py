@@ -147,13 +147,16 @@ def earns(scores: Scores, without: Scored, with_: Scored, looked_at: int, unriva
     if without.fit.likelihood is None and with_.fit.likelihood is None:
         # In sample flatters: what is not earned there is an accident of the folds.
         gain = min(gain, without.fit.cost - with_.fit.cost)
-    before, after = (scores.typical(s.fit.held) for s in (without, with_))
     strain = without.fit.prior - with_.fit.prior
+    shares = [
+        (scores.typical(without.fit.held), scores.typical(with_.fit.held)),
+        (scores.overall(without.fit.held), scores.overall(with_.fit.held)),
+    ]
     if without.fit.hypothesis.effects:
-        relevant = after - 1.0 < (1.0 - MORE) * (before - 1.0)
+        relevant = any(after - 1.0 < (1.0 - MORE) * (before - 1.0) for before, after in shares)
         relevant |= unrivalled or (bool(without.fit.strained) and strain > EVIDENCE)
     else:
-        left = 1.0 - RELEVANT
-        relevant = with_.gap < left * without.gap or after < left * before or strain > EVIDENCE
+        shares.append((without.gap, with_.gap))
+        relevant = any(after < (1.0 - RELEVANT) * before for before, after in shares) or strain > EVIDENCE
     evidence = EVIDENCE_MORE if without.fit.hypothesis.effects else EVIDENCE
     return gain > evidence + np.log(max(looked_at, 1)) and low > 0.0 and relevant

@@ -73,6 +73,15 @@ class Scores:
         mean = (weight * np.log1p(np.nan_to_num(square))).sum(axis=0) / np.maximum(weight.sum(axis=0), 1.0)
         return float(np.sqrt(np.expm1(mean).mean()))
 
+    def overall(self, square: Array) -> float:
+        """Gap of a typical window in a typical channel, from (nw, nl): the geometric mean over both, as scores have it.
+
+        One channel that is far off does not drown the others.
+        """
+        weight = self.draws[0][:, None] * self._fitter.recorded
+        mean = (weight * np.log1p(np.nan_to_num(square))).sum(axis=0) / np.maximum(weight.sum(axis=0), 1.0)
+        return float(np.sqrt(np.expm1(mean.mean())))
+
     def scored(self, fit: Fit) -> Scored:
         """Score a cross-validated fit."""
         return Scored(fit, float(self.costs(fit)[0]), float(self.gaps(fit.held)[0]))

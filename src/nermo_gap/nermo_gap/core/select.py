@@ -32,6 +32,8 @@ from nermo_gap.core.seek import seek
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Progress = Callable[[str, float], None]
+Start = tuple[Effect, Array, Array]
+"""An effect, its parameters' values, and those of all nuisances."""
 
 ENOUGH = 1.2
 """[noise floors] With no more left than that in a typical window, and no nominal number at the end of its box, no
@@ -49,6 +51,8 @@ FAVOURITES = 2
 """First fits start where nominal numbers hide most of an effect; what the screening ranks so high is refitted."""
 LEADERS = 2
 """Kinds of effects about which, beside the nominal model, errors of the windows' start are computed, at most."""
+_UNTOUCHED = 3
+"""Effects that are also tried beside untouched nominal numbers, where those are bent far."""
 MAX_EFFECTS = 3
 
 
@@ -134,7 +138,7 @@ class Selector:
         reference = self.scores.scored(fitter.cross_validate(fitter.fit_nuisances()))
         assert fitter.nominal is not None
         screened = self._screen_about_nominal()
-        singles = self._fit_all([(Hypothesis((s.effect,)), s) for s in screened[: self._effort.survivors]], reference)
+        singles = self._fit_all([(s.effect, s.x, s.z) for s in screened[: self._effort.survivors]], reference)
         singles, reference = self._finals(singles, reference, screened[:FAVOURITES])
         nominal_square = fitter.mean_square(
             fitter.replay(Hypothesis(), [(np.zeros(0), np.zeros(len(fitter.nuisances)))])[0]
@@ -142,12 +146,15 @@ class Selector:
         result = Selection(reference, float(self.scores.gaps(nominal_square)[0]), reference, singles, [], [], screened)
         self.nominal_square = nominal_square
         winner = simplest(self.scores, singles, reference, self._sites)
-        if winner is None or not earns(self.scores, reference, winner, len(self.effects)):
+        if winner is not None and earns(self.scores, reference, winner, len(self.effects)):
+            singles, winner = self._followed(singles, winner, reference)
+            result = self._forward(result, singles, winner, screened)
+            if self.scores.typical(result.best.fit.held) > ENOUGH:
+                result = self._begun_elsewhere(result, screened)
+        elif self.scores.typical(reference.fit.held) > UNEXPLAINED:
+            result = self._only_together(result, screened)
+        if result.best is reference:
             return result
-        singles, winner = self._followed(singles, winner, reference)
-        result = self._forward(result, singles, winner, screened)
-        if self.scores.typical(result.best.fit.held) > UNEXPLAINED:
-            result = self._begun_elsewhere(result, screened)
         self._settle(result)
         self._grow(result)
         return result
@@ -179,7 +186,24 @@ class Selector:
             if not earns(self.scores, result.reference, first, len(self.effects)):
                 continue
             other = self._forward(result, result.singles, first, screened)
-            if other.best.score < found.best.score - EVIDENCE_MORE:
+            more = len(other.best.fit.hypothesis.effects) > len(found.best.fit.hypothesis.effects)
+            better = other.best.score < found.best.score - (EVIDENCE_MORE if more else EVIDENCE)
+            found, left = (other, found) if better else (found, other)
+            if len(left.best.fit.hypothesis.effects) == len(found.best.fit.hypothesis.effects):
+                known = {r.key for r in found.rivals}
+                found.rivals = sorted([*found.rivals, *(r for r in left.rivals if r.key not in known)], key=_score)
+        return found
+
+    def _only_together(self, result: Selection, screened: Sequence[Screened]) -> Selection:
+        """Effects of which none earns its place alone, where much is left: each may show only beside the other."""
+        found = result
+        kinds = {s.fit.hypothesis.effects[0].name: s for s in reversed(result.singles)}
+        for first in sorted(kinds.values(), key=_score)[:FAVOURITES]:
+            other = self._forward(result, result.singles, first, screened)
+            several = len(other.best.fit.hypothesis.effects)
+            better = several > 1 and other.best.score < found.best.score
+            # So many sets of so many effects could have been found.
+            if better and earns(self.scores, result.reference, other.best, len(self.effects) ** several):
                 found = other
         return found
 
@@ -198,26 +222,26 @@ class Selector:
         fitter.jacobian = kept
         return screened
 
-    def _fit_all(self, jobs: Sequence[tuple[Hypothesis, Screened]], base: Scored) -> list[Scored]:
-        """Fits of hypotheses that have one effect more than ``base``, best first."""
+    def _fit_all(self, starts: Sequence[Start], base: Scored) -> list[Scored]:
+        """Fits of ``base`` with one effect more, best first."""
         assert self.fitter.nominal is not None
         first = not base.fit.hypothesis.effects
         without = self.fitter.nominal if first else base.fit
         select = informative_windows(self.fitter, without, FIT_WINDOWS)
 
-        def fitted(hypothesis: Hypothesis, start: Screened, z: Array) -> Fit:
-            own, z = self._nearest(hypothesis, start, z, select) if first else (start.x, z)
-            return self.fitter.fit(hypothesis, np.concatenate([base.fit.x, own]), z, select=select)
+        def fitted(effect: Effect, x: Array, z: Array) -> Fit:
+            hypothesis = base.fit.hypothesis.with_effect(effect)
+            x, z = self._nearest(hypothesis, x, z, select) if first else (x, z)
+            return self.fitter.fit(hypothesis, np.concatenate([base.fit.x, x]), z, select=select)
 
         fits = []
-        for i, (hypothesis, start) in enumerate(jobs):
-            self._say("fit" if first else "fit partners", i / len(jobs))
-            fits.append(fitted(hypothesis, start, start.z))
+        for i, start in enumerate(starts):
+            self._say("fit" if first else "fit partners", i / len(starts))
+            fits.append(fitted(*start))
         if first and all(f.cost > base.fit.cost - EVIDENCE for f in fits):
             # They contain what they do not beat: perhaps they were begun too far from its nuisances.
-            fits += [fitted(hypothesis, start, base.fit.z) for hypothesis, start in jobs]
-            fits = list({f.hypothesis.key: f for f in sorted(fits, key=lambda f: -f.cost)}.values())
-        fits.sort(key=lambda f: f.cost)
+            fits += [fitted(effect, x, base.fit.z) for effect, x, _ in starts]
+        fits = sorted({f.hypothesis.key: f for f in sorted(fits, key=lambda f: -f.cost)}.values(), key=lambda f: f.cost)
         margin = max(HOPELESS, FAR * (without.cost - fits[0].cost)) if fits else HOPELESS
         for i, fit in enumerate(fits):
             # Whoever loses in sample by far need not be scored held out: in sample flatters.
@@ -229,7 +253,7 @@ class Selector:
                 )
         return sorted((self.scores.scored(f) for f in fits), key=_score)
 
-    def _nearest(self, hypothesis: Hypothesis, start: Screened, z: Array, select: Ints) -> tuple[Array, Array]:
+    def _nearest(self, hypothesis: Hypothesis, x: Array, z: Array, select: Ints) -> tuple[Array, Array]:
         """The best of the start, of the tries on its side, of values between them and of larger ones, by true replays.
 
         A limit or a stop acts from some value on: from the far side of it, or from far, no slope leads there. Each is
@@ -237,11 +261,11 @@ class Selector:
         """
         (effect,) = hypothesis.effects
         if len(effect.parameters) != 1:
-            return start.x, z
+            return x, z
         parameter = effect.parameters[0]
-        away = start.x[0] - parameter.neutral
+        away = x[0] - parameter.neutral
         tries = sorted(t for t in parameter.tries if (t - parameter.neutral) * np.sign(away) > 0)
-        values = [start.x[0], *tries, *(a + k * (b - a) for a, b in pairwise(tries) for k in (1 / 3, 2 / 3))]
+        values = [x[0], *tries, *(a + k * (b - a) for a, b in pairwise(tries) for k in (1 / 3, 2 / 3))]
         values += [v for v in parameter.neutral + away * np.array(LARGER) if parameter.low < v < parameter.high]
         points = [(np.array([v]), z) for z in (z, np.zeros_like(z)) for v in values]
         residuals = self.fitter.replay(hypothesis, points, select)
@@ -295,11 +319,10 @@ class Selector:
         for i, effect in enumerate(effects):
             names = [p.name for p in effect.parameters]
             same = [o for o in self.effects if o.key == effect.key and [p.name for p in o.parameters] == names]
-            first = sum(len(e.parameters) for e in effects[:i])
             for other in [*(o for o in same if o.form != effect.form), *effect.alternatives()]:
                 changed, x = Hypothesis((*effects[:i], other, *effects[i + 1 :])), fit.x
-                if further := other.parameters[len(names) :]:
-                    x = seek(self.fitter, changed, fit.x, fit.z, first, further, self._effort.sought)
+                if changed.size > len(x):
+                    x = seek(self.fitter, changed, i, x, fit.z, self._effort.sought)
                 found.append(self.scores.scored(self.fitter.cross_validate(self.fitter.fit(changed, x, fit.z))))
         return found
 
@@ -316,16 +339,18 @@ class Selector:
         others = [e for e in self.effects if e.key not in present]
         partners = screen(
             fitter, base.fit, others, lambda share: self._say("screen partners", share), self._effort.hopeful
-        )
-        jobs = [(base.fit.hypothesis.with_effect(s.effect), s) for s in partners[: self._effort.partners]]
-        pairs = self._fit_all(jobs, base)
+        )[: self._effort.partners]
+        pairs = self._fit_all([(s.effect, s.x, s.z) for s in partners], base)
+        if base.fit.strained:
+            again = sorted([*pairs, *self._beside_untouched(result)], key=_score, reverse=True)
+            pairs = sorted({p.key: p for p in again}.values(), key=_score)
         if not pairs:
             return False
         pairs = self._swap(pairs, screened)
         margin = self._hopeless(base, pairs[0])
         hopeful = [p for p in pairs[:2] if p.score < pairs[0].score + margin]
         # Fits start where the older effect's nominal numbers are, and may stop short.
-        promising = {h.key for h, _ in jobs[:FAVOURITES]}
+        promising = {base.fit.hypothesis.with_effect(s.effect).key for s in partners[:FAVOURITES]}
         hopeful += [p for p in pairs if p.key in promising and p not in hopeful]
         polished = [self.scores.scored(fitter.polish(p.fit)) for p in hopeful]
         polished += [self.scores.scored(fitter.polish(f.fit)) for f in self._forms(min(polished, key=_score).fit)]
@@ -344,6 +369,23 @@ class Selector:
         pairs = sorted([best, *(p for p in pairs if p.fit.hypothesis is not best.fit.hypothesis)], key=_score)
         result.best, result.rivals = best, pairs
         return True
+
+    def _beside_untouched(self, result: Selection) -> list[Scored]:
+        """Fits of one effect more that begin where it was alone, and nominal numbers untouched.
+
+        Those that are bent far may have swallowed it.
+        """
+        fitter, base, found = self.fitter, result.best.fit, []
+        kept, fitter.jacobian, z = fitter.jacobian, fitter.nominal_jacobian.copy(), np.zeros_like(base.z)
+        present = {e.key for e in base.hypothesis.effects}
+        alone = [s.fit for s in result.singles if s.fit.hypothesis.effects[0].key not in present]
+        for i, single in enumerate(alone[:_UNTOUCHED]):
+            self._say("fit beside untouched", i / _UNTOUCHED)
+            hypothesis = base.hypothesis.with_effect(single.hypothesis.effects[0])
+            fit = fitter.fit(hypothesis, np.concatenate([base.x, single.x]), z)
+            found.append(self.scores.scored(fitter.cross_validate(fit)))
+        fitter.jacobian = kept
+        return found
 
     def _drop(self, result: Selection) -> None:
         """Take out what later effects made needless: the first one found may only have stood in for them."""

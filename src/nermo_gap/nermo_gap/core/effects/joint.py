@@ -33,7 +33,10 @@ def _sprung(model: mujoco.MjModel) -> list[int]:
 
 
 class JointStiffness(AtJoints):
-    """The spring of a joint is softer (fatigue, another material) or stiffer; a joint without one gains a spring."""
+    """The spring of a joint is softer (fatigue, another material) or stiffer; or cables, a skin or dirt add one.
+
+    What is added pulls to the joint's zero, wherever a spring that was there rests.
+    """
 
     name = "joint_stiffness"
 
@@ -42,15 +45,22 @@ class JointStiffness(AtJoints):
         model = context.model
         for site in named_sites(context, Obj.mjOBJ_JOINT, _sprung(model)):
             yield cls(site, [ratio(tries=(0.4, 0.7, 1.4, 2.0), low=0.02)], "factor")
-        for site in named_sites(context, Obj.mjOBJ_JOINT, set(scalar_joints(model)) - set(_sprung(model))):
+        for site in named_sites(context, Obj.mjOBJ_JOINT, scalar_joints(model)):
             yield cls(site, by_joint(context, site, lambda joints: _added(context, joints)), "added")
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         targets = list(self.site.targets)
         if self.form == "factor":
             variant.model.jnt_stiffness[targets] *= values[0]
-        else:
-            variant.model.jnt_stiffness[targets] += np.asarray(values)
+            return
+        model, addresses = variant.model, variant.plant.model.jnt_qposadr[targets]
+        before = model.jnt_stiffness[targets]
+        after = before + np.asarray(values)
+        # Two springs are one that rests between them.
+        share = np.divide(before, after, out=np.ones_like(after), where=after > 0)
+        zero = variant.plant.model.qpos0[addresses]
+        model.jnt_stiffness[targets] = after
+        model.qpos_spring[addresses] = zero + share * (model.qpos_spring[addresses] - zero)
 
 
 def _added(context: Context, joints: Sequence[int]) -> Parameter:

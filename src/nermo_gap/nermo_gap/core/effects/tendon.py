@@ -48,7 +48,7 @@ class TendonSlack(Effect):
         for site in named_sites(context, Obj.mjOBJ_TENDON, range(context.model.ntendon)):
             size = 0.1 * _length_scale(context, site.targets)
             pulled = all(any(pulls_cable(context.model, a) for a in drivers(context.model, t)) for t in site.targets)
-            tries, low = ((-0.5, 0.15, 0.5, 1.5), -20.0) if pulled else ((0.15, 0.5, 1.5), 0.0)
+            tries, low = ((-0.5, 0.15, 0.5, 1.5, 4.0, 10.0), -20.0) if pulled else ((0.15, 0.5, 1.5, 4.0, 10.0), 0.0)
             effect = cls(site, [amount("slack", "m", size, tries, low, high=20.0)])
             if pulled and len(site.targets) == 1:
                 names = [context.model.actuator(a).name for a in drivers(context.model, site.targets[0])]
