@@ -98,9 +98,11 @@ def test_what_bent_nominal_numbers_hide_is_found_beside_untouched_ones() -> None
     selector, right = found.selector, found.selection
     single = min((s for s in right.singles if "coulomb" in s.key), key=lambda s: s.score)
     bent = replace(single.fit, z=np.full_like(single.fit.z, BOX))
-    stuck = replace(right, best=selector.scores.scored(replace(bent, held=single.fit.held)))
     before = selector.fitter.jacobian
-    fits = {frozenset(e.key for e in s.fit.hypothesis.effects): s.fit for s in selector._beside_untouched(stuck)}
+    fits = {
+        frozenset(e.key for e in s.fit.hypothesis.effects): s.fit
+        for s in selector.candidates.beside_untouched(bent, right.singles)
+    }
     both = fits[frozenset({"coulomb_friction@hinge", "viscous_friction@hinge"})]
     assert both.cost < right.best.fit.cost + 3.0
     assert selector.fitter.jacobian is before

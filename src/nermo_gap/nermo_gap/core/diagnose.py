@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from nermo_gap.core.align import Aligned, align
 from nermo_gap.core.baselines import best_in_sample, fit_everything
+from nermo_gap.core.candidates import Effort
 from nermo_gap.core.chance import PATTERN, Chance
 from nermo_gap.core.effects.base import Context, Effect
 from nermo_gap.core.experiment import GenericMenu, Menu
@@ -34,7 +35,7 @@ from nermo_gap.core.recording import Recording, concatenate
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.residual import Residuals
 from nermo_gap.core.scales import measure_scales
-from nermo_gap.core.select import Effort, Selection, Selector
+from nermo_gap.core.select import Selection, Selector
 from nermo_gap.core.state import measured_state
 from nermo_gap.core.structure import REPEATS, predictable_share, repeating_share
 from nermo_gap.core.variant import Variant

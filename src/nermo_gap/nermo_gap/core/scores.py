@@ -19,7 +19,7 @@ PER_PARAMETER = 1.0
 """Price of a parameter [nats], beyond what held-out scoring takes by itself."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Scored:
     """A fit with its held-out score; smaller is better."""
 
