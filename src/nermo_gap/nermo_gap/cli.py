@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shlex
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -84,7 +85,7 @@ def diagnose_command(
                 found = diagnose_recordings(recordings, robot, options)
     except (GapInputError, ParameterError) as error:
         _fail(str(error), 2)
-    found.report["command"] = " ".join(["nermo gap diagnose", *sys.argv[2:]])
+    found.report["command"] = _called("diagnose")
     if out or json_:
         write_experiment(found, out or json_.parent, found.menu)  # type: ignore[union-attr]
     for path in filter(None, [json_, out / "diagnosis.json" if out else None]):
@@ -158,7 +159,7 @@ def explain_command(
             )
     except (GapInputError, ParameterError) as error:
         _fail(str(error), 2)
-    report["command"] = " ".join(["nermo gap explain", *sys.argv[2:]])
+    report["command"] = _called("explain")
     if json_ is not None:
         write_report(report, json_)
     print_explanations(report)
@@ -218,6 +219,11 @@ def _progress(first: str) -> Iterator[Callable[[str, float], None]]:
             print(line, file=sys.stderr, flush=True)
 
     yield tell
+
+
+def _called(name: str) -> str:
+    """The command line, whatever program it was given to."""
+    return shlex.join(["nermo", "gap", *sys.argv[sys.argv.index(name) if name in sys.argv else 1 :]])
 
 
 def _fail(message: str, status: int) -> NoReturn:
