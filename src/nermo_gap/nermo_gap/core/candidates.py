@@ -232,7 +232,8 @@ class Candidates:
     def beside_untouched(self, base: Fit, singles: Sequence[Scored]) -> list[Scored]:
         """Fits of one effect more that begin where it was alone, and nominal numbers untouched.
 
-        Those that are bent far may have swallowed it.
+        Those that are bent far may have swallowed it. Sensitivities are the nominal model's: by those about the other
+        effect, a play, fits had stopped short.
         """
         fitter, z = self.fitter, np.zeros_like(base.z)
         kept, fitter.jacobian, found = fitter.jacobian, fitter.nominal_jacobian.copy(), []
@@ -268,5 +269,6 @@ class Candidates:
         return better if better.fit.cost <= scored.fit.cost else scored
 
     def say(self, stage: str, share: float) -> None:
+        """Report progress: ``share`` of a stage is done."""
         if self._progress:
             self._progress(stage, share)

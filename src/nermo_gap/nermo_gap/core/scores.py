@@ -69,18 +69,20 @@ class Scores:
 
     def typical(self, square: Array) -> float:
         """Gap of a typical window, from (nw, nl): the geometric mean over them, which few wild ones do not move."""
-        weight = self.draws[0][:, None] * self._fitter.recorded
-        mean = (weight * np.log1p(np.nan_to_num(square))).sum(axis=0) / np.maximum(weight.sum(axis=0), 1.0)
-        return float(np.sqrt(np.expm1(mean).mean()))
+        return float(np.sqrt(np.expm1(self._levels(square)).mean()))
 
     def overall(self, square: Array) -> float:
         """Gap of a typical window in a typical channel, from (nw, nl): the geometric mean over both, as scores have it.
 
         One channel that is far off does not drown the others.
         """
+        return float(np.sqrt(np.expm1(self._levels(square).mean())))
+
+    def _levels(self, square: Array) -> Array:
+        """Mean logarithm (nl,) of one and the mean squares (nw, nl) of held-out windows."""
         weight = self.draws[0][:, None] * self._fitter.recorded
-        mean = (weight * np.log1p(np.nan_to_num(square))).sum(axis=0) / np.maximum(weight.sum(axis=0), 1.0)
-        return float(np.sqrt(np.expm1(mean.mean())))
+        mean: Array = (weight * np.log1p(np.nan_to_num(square))).sum(axis=0) / np.maximum(weight.sum(axis=0), 1.0)
+        return mean
 
     def scored(self, fit: Fit) -> Scored:
         """Score a cross-validated fit."""
