@@ -103,7 +103,7 @@ def apply_command(
 ) -> None:
     """Write the effects of a diagnosis as a robot that the twin, the experiments and the graph load.
 
-    
+    \b
     Example:
       nermo gap apply diagnosis/diagnosis.json --out my_robot.yaml
       nermo experiment straight-line --quick --robot my_robot.yaml
@@ -146,7 +146,7 @@ def explain_command(
 ) -> None:
     """Say which effects reproduce a table of published results: speeds, ratios, arc times, lifts.
 
-    
+    \b
     Example:
       nermo gap explain thesis_robot --out explanation --json explanation.json
     """
@@ -177,7 +177,7 @@ def predict_command(
 ) -> None:
     """Say how the experiments would go with what a diagnosis has found, in closed loop.
 
-    
+    \b
     Example:
       nermo gap predict diagnosis/diagnosis.json --quick
     """

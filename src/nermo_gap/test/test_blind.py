@@ -21,7 +21,7 @@ from nermo_gap.blind.faults import FAULTS, UNKNOWN, Fault, Scale
 from nermo_gap.blind.make import BlindError, make
 from nermo_gap.blind.recordings import simulate, told
 from nermo_gap.blind.run import experiment_file, read_results, run
-from nermo_gap.blind.score import confusion, judged, metrics, score
+from nermo_gap.blind.score import confusion, judged, metrics, rate, score
 from nermo_gap.blind.settle import settle
 from nermo_gap.blind.sites import sites
 from nermo_gap.blind.truth import PERIOD, Link, Run, Soft, Truth, build, record
@@ -237,13 +237,15 @@ def test_the_score_counts() -> None:
     shy = judged(single, _said("unknown"))
     rows = [right, alias, wrong, shy]
     rows += [judged(_answer("none"), _said("no_gap")), judged(_answer("none"), _said("effect", ("mass", "fore", 1.0)))]
-    rows.append(judged(_answer("pair", _MASS, _SLOW), _said("effect", ("servo_delay", "s", 1), ("mass", "fore", 0.1))))
+    rows.append(judged(_answer("pair", _MASS, _SLOW), _said("effect", ("servo_delay", "s", 1), ("mass", "fore", 0.2))))
     counted = metrics(rows)
     assert (counted["top1_effect_and_site"]["value"], counted["top1_effect_and_site"]["n"]) == (0.25, 4)
     assert counted["equivalence_class"]["value"] == 0.5
     assert counted["localisation"]["value"] == 1.0
     assert counted["parameter_error"] == {"value": pytest.approx(0.1), "ci90": [pytest.approx(0.1)] * 2, "n": 1}
-    assert counted["interval_coverage"]["value"] == 1.0
+    assert counted["interval_coverage"] == rate([True])
+    # The pair's mass is said to be 0.18 to 0.22, and is 0.1; the true delay has no number of the same name.
+    assert counted["interval_coverage_with_pairs"] == rate([True, False])
     assert counted["false_alarms"]["value"] == 0.5
     assert counted["exact_pairs"]["value"] == 1.0
     assert counted["heldout_shrink"]["value"] == pytest.approx(0.9)

@@ -123,6 +123,16 @@ def test_no_gap_is_no_gap() -> None:
     assert 0.7 < report["gap"]["after"] < 1.3
 
 
+def test_what_is_finer_than_the_sensors_is_no_gap() -> None:
+    """Whoever says that a sensor resolves 0.01 rad need not hear of what moves it by half as much."""
+    plant, table = plant_of("pendulum"), simulate("pendulum", 10.0, change=_own_coulomb)
+    options = Options(baselines=False, only=SOME, threads=1, resolution={"q": 0.01})
+    found = diagnose([recording_from_table(table, plant)], plant, options)
+    assert found.report["verdict"] == "no_gap" and "repeating" in found.report["reasons"][0]
+    (channel,) = found.report["gap"]["by_channel"].values()
+    assert channel["after"] < 1.0
+
+
 KEYS = ("verdict", "gap", "where", "effects", "equivalent", "baselines", "next_experiment", "heldout", "noise_floor")
 TOP = ("schema", "created", "command", "seed", "robot", "versions", "warnings", "wall_s")
 

@@ -14,7 +14,7 @@ from rich.table import Table
 from nermo_gap.blind.cases import SMALL
 from nermo_gap.blind.make import BlindError, make
 from nermo_gap.blind.run import results_file, run
-from nermo_gap.blind.score import AIMS, TITLES, markdown, score
+from nermo_gap.blind.score import AIMS, TITLES, between, cell, markdown, score
 from nermo_gap.blind.settle import settle
 
 blind_app = typer.Typer(
@@ -140,7 +140,7 @@ def settle_command(
 ) -> None:
     """Run the proposed experiments of ambiguous cases on their hidden robots, as a check to diagnose and score again.
 
-    
+    \b
     Example:
       nermo gap blind settle check sealed/check results --out check_next
       nermo gap blind diagnose check_next --out results_next --answers sealed/check
@@ -166,15 +166,12 @@ def _line(text: str) -> None:
 def _print(scored: dict[str, Any]) -> None:
     table = Table("what", "ours", "90 %", "n", "aim", "floor", "in sample", "fit all")
     others = scored["alternatives"]
-    for name, (_, aim, floor) in AIMS.items():
+    for name, (aim, floor) in AIMS.items():
         own = scored[name]
-        interval = f"{own['ci90'][0]:.3g} to {own['ci90'][1]:.3g}" if own["ci90"] else "-"
-        beside = [_short(others[o].get(name, {}).get("value")) for o in ("best_in_sample", "fit_everything")]
-        row = [TITLES[name], _short(own["value"]), interval, str(own["n"]), f"{aim:g}", f"{floor:g}", *beside]
+        interval = " to ".join(cell(v, name) for v in own["ci90"]) if own["ci90"] else "–"
+        beside = [cell(others[o].get(name, {}).get("value"), name) for o in ("best_in_sample", "fit_everything")]
+        row = [TITLES[name], cell(own["value"], name), interval, str(own["n"])]
+        row += [between(aim, name), between(floor, name), *beside]
         table.add_row(*row)
     Console(width=150).print(table)
     typer.echo(f"{scored['scored']} of {scored['made']} cases scored; status {scored['status']}")
-
-
-def _short(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"

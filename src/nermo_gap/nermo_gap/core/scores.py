@@ -78,6 +78,12 @@ class Scores:
         """
         return float(np.sqrt(np.expm1(self._levels(square).mean())))
 
+    def worst_channel(self, square: Array) -> float:
+        """Gap of the channel that is furthest off, over held-out windows, from (nw, nl)."""
+        weight = self.draws[0][:, None] * self._fitter.recorded
+        mean = (weight * np.nan_to_num(square)).sum(axis=0) / np.maximum(weight.sum(axis=0), 1.0)
+        return float(np.sqrt(mean.max()))
+
     def _levels(self, square: Array) -> Array:
         """Mean logarithm (nl,) of one and the mean squares (nw, nl) of held-out windows."""
         weight = self.draws[0][:, None] * self._fitter.recorded

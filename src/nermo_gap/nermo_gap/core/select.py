@@ -34,6 +34,10 @@ ENOUGH = 1.2
 """[noise floors] With no more left than that in a typical window, and no nominal number at the end of its box, no
 further effect is looked for."""
 
+REPEATED = 1.0
+"""[noise floors] With no more left than that in any channel, nominal numbers predict the robot as well as repeating the
+experiment does, and no effect is looked for: what is finer than the noise shows in how it was estimated."""
+
 
 @dataclass
 class Selection:
@@ -100,6 +104,8 @@ class Selector:
         result = Selection(reference, float(self.scores.gaps(nominal_square)[0]), reference, singles, [], [], screened)
         self.nominal_square = nominal_square
         winner = simplest(self.scores, singles, reference, self._sites)
+        if self.scores.worst_channel(reference.fit.held) <= REPEATED:
+            return result
         if winner is not None and earns(self.scores, reference, winner, len(self.effects)):
             singles, winner = self._followed(singles, winner, reference)
             result = self._forward(result, singles, winner, screened)

@@ -12,7 +12,7 @@ from nermo_gap.core.nuisance import BOX
 from nermo_gap.core.preference import FINALISTS, UNEXPLAINED, indistinct, special_case
 from nermo_gap.core.scores import Scored
 from nermo_gap.core.screen import angle, projected_response
-from nermo_gap.core.select import Selection, Selector
+from nermo_gap.core.select import REPEATED, Selection, Selector
 
 Array = NDArray[np.float64]
 
@@ -71,7 +71,13 @@ def judge(selector: Selector, selection: Selection, structure: float) -> Verdict
                 f"({typical:.1f} in a typical window) and {100 * structure:.0f} % of it is predictable"
             )
         else:
-            verdict.reasons.append("no effect improves the prediction of held-out data beyond what priors explain")
+            worst = selector.scores.worst_channel(best.fit.held)
+            left = f"{best.gap:.1f} noise floors are left, {worst:.1f} in the worst channel"
+            verdict.reasons.append(
+                f"nominal numbers within their priors predict held-out data as well as repeating the experiment: {left}"
+                if worst <= REPEATED
+                else f"no effect improves the prediction of held-out data beyond what priors explain: {left}"
+            )
         return verdict
     verdict.kind = "effect"
     doubts = _doubts(selector, selection, structure)
