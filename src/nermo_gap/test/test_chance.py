@@ -19,7 +19,7 @@ from nermo_gap.core.recording import recording_from_table
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.residual import Residuals
 from nermo_gap.core.scales import measure_scales
-from nermo_gap.core.scatter import Likelihood, Room
+from nermo_gap.core.scatter import Likelihood, Room, factor_of
 from nermo_gap.core.screen import screen
 from nermo_gap.core.structure import REPEATS, predictable_share, repeating_share
 from nermo_gap.core.variant import Variant
@@ -96,6 +96,22 @@ def test_what_repeats_is_found_at_its_frequency_and_noise_does_not_repeat(freque
     assert abs(found - frequency) < 1.0 / aligned.duration
     # Commands and motion do not tell when it comes.
     assert predictable_share(residuals, tone) < share
+
+
+@pytest.mark.parametrize("size", [1.0, 1e9])
+def test_a_late_command_that_throws_the_robot_far_has_a_likelihood(size: float) -> None:
+    """Ten responses to four pieces, two of them alike: rounding alone makes the square of a large one indefinite."""
+    rng = np.random.default_rng(5)
+    response = size * rng.standard_normal((3, 10, 4))
+    response[:, :, 3] = response[:, :, 2] * (1 + 1e-15)
+    root = np.tile(np.tril(rng.standard_normal((4, 4))), (3, 1, 1))
+    gram = np.swapaxes(response, 1, 2) @ response
+    lower = factor_of(response, gram, root)
+    singular = np.linalg.svd(response @ root, compute_uv=False)
+    volume = np.log(np.abs(np.diagonal(lower, axis1=1, axis2=2))).sum(axis=1)
+    # The smallest of the four is 0 but for rounding, which is as large as the noise at a size of 1e9.
+    np.testing.assert_allclose(volume, 0.5 * np.log1p(singular**2).sum(axis=1), atol=1e-9 if size == 1.0 else 3.0)
+    assert np.array_equal(lower, np.tril(lower)) and (np.diagonal(lower, axis1=1, axis2=2) > 0).all()
 
 
 def test_an_effect_is_found_under_what_a_lossy_link_scatters() -> None:

@@ -98,6 +98,20 @@ class Likelihood:
         return size
 
 
+def factor_of(response: Array, gram: Array, root: Array) -> Array:
+    """Lower factor (nw, k, k) of 1 + root' gram root, for responses (nw, m, k) and their gram (nw, k, k)."""
+    one = np.eye(root.shape[2])
+    try:
+        return np.linalg.cholesky(one + np.swapaxes(root, 1, 2) @ gram @ root)
+    except np.linalg.LinAlgError:
+        # A robot that falls over throws a late command so far that beside its square the 1 is lost in rounding.
+        moved = response.astype(float) @ root
+        upper = np.linalg.qr(np.concatenate([moved, np.broadcast_to(one, root.shape)], axis=1), mode="r")
+        sign = np.sign(np.diagonal(upper, axis1=1, axis2=2))
+        lower: Array = np.swapaxes(sign[:, :, None] * upper, 1, 2)
+        return lower
+
+
 class Scatter:
     """Responses of all windows to commands that are later than on average in one piece of a window, and their law.
 
@@ -135,7 +149,7 @@ class Scatter:
         seen = np.moveaxis(columns, 0, 1).astype(float)
         root = self._root(law)
         turned = np.swapaxes(root, 1, 2)
-        factor = np.linalg.cholesky(np.eye(root.shape[2]) + turned @ self._gram @ root)
+        factor = factor_of(self._response, self._gram, root)
         shadow = turned @ np.swapaxes(seen @ self._response, 1, 2)
         shadow = np.stack([solve_triangular(f, s, lower=True) for f, s in zip(factor, shadow, strict=True)])
         square = seen @ np.swapaxes(seen, 1, 2) - np.swapaxes(shadow, 1, 2) @ shadow
