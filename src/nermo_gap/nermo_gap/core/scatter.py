@@ -102,14 +102,14 @@ def factor_of(response: Array, gram: Array, root: Array) -> Array:
     """Lower factor (nw, k, k) of 1 + root' gram root, for responses (nw, m, k) and their gram (nw, k, k)."""
     one = np.eye(root.shape[2])
     try:
-        return np.linalg.cholesky(one + np.swapaxes(root, 1, 2) @ gram @ root)
+        lower: Array = np.linalg.cholesky(one + np.swapaxes(root, 1, 2) @ gram @ root)
     except np.linalg.LinAlgError:
         # A robot that falls over throws a late command so far that beside its square the 1 is lost in rounding.
         moved = response.astype(float) @ root
         upper = np.linalg.qr(np.concatenate([moved, np.broadcast_to(one, root.shape)], axis=1), mode="r")
         sign = np.sign(np.diagonal(upper, axis1=1, axis2=2))
-        lower: Array = np.swapaxes(sign[:, :, None] * upper, 1, 2)
-        return lower
+        lower = np.swapaxes(sign[:, :, None] * upper, 1, 2)
+    return lower
 
 
 class Scatter:
