@@ -16,7 +16,8 @@ from robots import MAPS, PENDULUM, aligned_of, plant_of, simulate
 from typer.testing import CliRunner
 
 from nermo_gap.cli import gap_app
-from nermo_gap.core.diagnose import Diagnosis, Options, diagnose
+from nermo_gap.core.baselines import fit_everything
+from nermo_gap.core.diagnose import Diagnosis, Options, diagnose, write_report
 from nermo_gap.core.fit import Fitter
 from nermo_gap.core.hypothesis import Hypothesis
 from nermo_gap.core.nuisance import enumerate_nuisances
@@ -64,6 +65,26 @@ def test_nuisances_take_up_nominal_numbers_that_are_off() -> None:
     before, after = (channel_gap(f.residual, residuals.mask) for f in (fitter.nominal, fit))
     assert before.max() > 3.0 and after.max() < 1.4
     assert np.abs(fit.z).max() < 2.0
+
+
+def test_windows_in_which_nothing_was_recorded_are_not_fitted_or_scored() -> None:
+    """Of a mouse whose tracker starts late, the first windows hold nothing; one fold might hold only such windows."""
+    plant, aligned, floor = aligned_of("pendulum", simulate("pendulum", 8.0, change=_own_coulomb))
+    windows = cut(aligned)
+    residuals = Residuals.build(Replayer(plant, aligned, windows, floor, 1), Variant.nominal(plant))
+    residuals.mask[windows.fold == 0] = False
+    fitter = Fitter(
+        residuals, enumerate_nuisances(plant, aligned.outputs.std(axis=0), np.ones(len(plant.inputs)), aligned.period)
+    )
+    report = fit_everything(fitter, 1)
+    assert report["held_out"] == "fold 1"
+    assert np.isfinite([report["gap"], report["shrink"], *report["ci90"], *report["shrink_ci90"]]).all()  # type: ignore[misc]
+
+
+def test_a_number_that_cannot_be_computed_does_not_cost_the_report(tmp_path: Path) -> None:
+    write_report({"gap": {"after": float("nan"), "ci90": [1.0, np.inf]}, "verdict": "no_gap"}, tmp_path / "d.json")
+    written = json.loads((tmp_path / "d.json").read_text())
+    assert written == {"gap": {"after": None, "ci90": [1.0, None]}, "verdict": "no_gap"}
 
 
 def test_cost_is_bounded_by_the_floor_and_grows_with_the_residual() -> None:

@@ -27,14 +27,15 @@ _ROUNDS, _ROUNDS_HEAVY = 6, 3
 
 
 def fit_everything(fitter: Fitter, iterations: int | None = None, seed: int = 0) -> dict[str, object]:
-    """Plain mujoco.sysid least squares of all nominal parameters at once, fitted outside fold 0 and scored in it.
+    """Plain mujoco.sysid least squares of all nominal parameters at once, fitted outside of one fold and scored in it.
 
     No effects, no priors, white residuals: what a user gets who frees every number of the model.
     """
     light = fitter.residuals.replayer.plant.model.nv <= LIGHT
     iterations = iterations or (_ROUNDS if light else _ROUNDS_HEAVY)
-    fold = fitter.windows.fold
-    train, test = np.flatnonzero(fold != 0), np.flatnonzero(fold == 0)
+    fold, recorded = fitter.windows.fold, fitter.recorded.any(axis=1)
+    held = int(fold[recorded & (fold >= 0)].min())
+    train, test = np.flatnonzero(recorded & (fold != held)), np.flatnonzero(recorded & (fold == held))
     step = max(len(train) // 40, 1)
     train = train[::step]
     none = np.zeros(0)
@@ -64,7 +65,7 @@ def fit_everything(fitter: Fitter, iterations: int | None = None, seed: int = 0)
         "shrink_ci90": np.percentile(shrinks, [5, 95]).tolist(),
         "parameters": {n.name: float(v) for n, v in zip(fitter.nuisances, z, strict=True)},
         "parameter_unit": "standard deviations of the prior",
-        "held_out": "fold 0",
+        "held_out": f"fold {held}",
         "method": "mujoco.sysid least squares of all nominal parameters, no priors, no effects",
     }
 

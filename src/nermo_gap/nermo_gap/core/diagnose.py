@@ -324,6 +324,14 @@ def write_experiment(found: Diagnosis, folder: str | Path, menu: Menu | None = N
 
 
 def write_report(report: dict[str, Any], path: str | Path) -> None:
-    """Write diagnosis.json."""
+    """Write diagnosis.json; a number that could not be computed is null, so that minutes of work are not lost."""
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    Path(path).write_text(json.dumps(report, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    Path(path).write_text(json.dumps(_finite(report), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value

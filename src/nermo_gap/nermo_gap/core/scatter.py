@@ -98,11 +98,11 @@ class Likelihood:
         return size
 
 
-def factor_of(response: Array, gram: Array, root: Array) -> Array:
+def factor_of(response: Array, gram: Array, root: Array) -> Any:
     """Lower factor (nw, k, k) of 1 + root' gram root, for responses (nw, m, k) and their gram (nw, k, k)."""
     one = np.eye(root.shape[2])
     try:
-        lower: Array = np.linalg.cholesky(one + np.swapaxes(root, 1, 2) @ gram @ root)
+        lower = np.linalg.cholesky(one + np.swapaxes(root, 1, 2) @ gram @ root)
     except np.linalg.LinAlgError:
         # A robot that falls over throws a late command so far that beside its square the 1 is lost in rounding.
         moved = response.astype(float) @ root
