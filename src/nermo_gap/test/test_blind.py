@@ -176,7 +176,9 @@ def test_a_small_check_is_made_diagnosed_and_scored(tmp_path: Path) -> None:
 def test_an_interrupted_run_ends_at_once_and_keeps_what_is_done(tmp_path: Path) -> None:
     folder, answers, out = tmp_path / "check", tmp_path / "sealed", tmp_path / "results"
     make(folder, answers, 6, seed=SMALL_CHECK, robots=("pendulum",), seconds=6.0, workers=2)
-    command = [sys.executable, "-m", "nermo_gap.blind", "diagnose", folder, "--out", out, "--workers", "1"]
+    # A shell starts what runs in the background deaf to SIGINT, this test perhaps with it.
+    command = ["env", "--default-signal=INT", sys.executable, "-m", "nermo_gap.blind"]
+    command += ["diagnose", folder, "--out", out, "--workers", "1"]
     running = subprocess.Popen([str(word) for word in command], start_new_session=True)
     while not read_results(out):
         assert running.poll() is None
