@@ -233,12 +233,12 @@ def _gap(selector: Selector, selection: Selection, nominal: Array) -> dict[str, 
     after = selector.scores.gaps(selection.best.fit.held)
     reference = selector.scores.gaps(selection.reference.fit.held)
     by_channel = {}
-    held = selector.scores.draws[0] > 0
     for c, name in enumerate(selector.fitter.residuals.channels):
-        by_channel[name] = {
-            "before": float(np.sqrt(nominal[held, c].mean())),
-            "after": float(np.sqrt(np.nan_to_num(selection.best.fit.held[held, c]).mean())),
-        }
+        # At least one: a channel that no held-out window recorded has no gap.
+        weight = selector.scores.draws[0] * selector.fitter.recorded[:, c]
+        square = np.nan_to_num(np.stack([nominal[:, c], selection.best.fit.held[:, c]])) @ weight
+        earlier, later = np.sqrt(square / max(weight.sum(), 1.0))
+        by_channel[name] = {"before": float(earlier), "after": float(later)}
     return {
         "before": float(before[0]),
         "after": float(after[0]),
