@@ -234,9 +234,9 @@ def _gap(selector: Selector, selection: Selection, nominal: Array) -> dict[str, 
     reference = selector.scores.gaps(selection.reference.fit.held)
     by_channel = {}
     for c, name in enumerate(selector.fitter.residuals.channels):
-        # At least one: a channel that no held-out window recorded has no gap.
         weight = selector.scores.draws[0] * selector.fitter.recorded[:, c]
         square = np.nan_to_num(np.stack([nominal[:, c], selection.best.fit.held[:, c]])) @ weight
+        # A channel that no held-out window recorded has no gap.
         earlier, later = np.sqrt(square / max(weight.sum(), 1.0))
         by_channel[name] = {"before": float(earlier), "after": float(later)}
     return {

@@ -98,7 +98,7 @@ class Likelihood:
         return size
 
 
-def factor_of(response: Array, gram: Array, root: Array) -> Any:
+def factor_of(response: Array, gram: Array, root: Array) -> Array:
     """Lower factor (nw, k, k) of 1 + root' gram root, for responses (nw, m, k) and their gram (nw, k, k)."""
     one = np.eye(root.shape[2])
     try:
@@ -109,7 +109,7 @@ def factor_of(response: Array, gram: Array, root: Array) -> Any:
         upper = np.linalg.qr(np.concatenate([moved, np.broadcast_to(one, root.shape)], axis=1), mode="r")
         sign = np.sign(np.diagonal(upper, axis1=1, axis2=2))
         lower = np.swapaxes(sign[:, :, None] * upper, 1, 2)
-    return lower
+    return np.asarray(lower, dtype=np.float64)
 
 
 class Scatter:
