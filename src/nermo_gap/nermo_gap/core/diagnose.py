@@ -49,9 +49,10 @@ Progress = Callable[[str, float], None]
 SCHEMA = "nermo_gap/diagnosis/1"
 HEAVY = Effort(hopeful=20, survivors=5, finalists=3, leaders=1, rounds=1, partners=4, max_effects=2, sought=60)
 """Of models with more than LIGHT degrees of freedom, which take a hundred times longer to replay than a pendulum."""
-LAW = 0.03
+LAW = 0.015
 """Standard error of any parameter as a share of its size (for a factor: of its distance from 1), beside what the data
-say: a robot's friction or servo follows the law of the library only about."""
+say, per effect: a robot's friction or servo follows the law of the library only about, and what one effect's law
+leaves another takes up. From 144 intervals of the blind sets 79341278 and 55795674, of which it holds 88 % (93 of single effects, 84 of pairs)."""
 
 
 @dataclass
@@ -287,7 +288,7 @@ def _effects(selector: Selector, selection: Selection) -> list[dict[str, Any]]:
 
 
 def parameter_deviation(fit: Fit, timestep: float = 0.0) -> Array:
-    """Standard error of each parameter: the larger of the fit's own and that of the folds (jackknife), and the model's.
+    """Standard error of each parameter: the larger of the fit's own and that of the folds (jackknife), and the laws'.
 
     A simulation resolves times no better than its ``timestep`` [s].
     """
@@ -296,7 +297,9 @@ def parameter_deviation(fit: Fit, timestep: float = 0.0) -> Array:
     if folds > 1:
         spread = np.sqrt((folds - 1) / folds * ((fit.fold_x - fit.fold_x.mean(axis=0)) ** 2).sum(axis=0))
         own = np.maximum(own, spread)
-    law = LAW * np.minimum(np.abs(fit.x - fit.hypothesis.vector("neutral")), np.abs(fit.x))
+    law = (
+        LAW * len(fit.hypothesis.effects) * np.minimum(np.abs(fit.x - fit.hypothesis.vector("neutral")), np.abs(fit.x))
+    )
     times = np.array([p.unit == "s" for e in fit.hypothesis.effects for p in e.parameters])
     result: Array = np.sqrt(own**2 + law**2 + np.where(times, timestep**2 / 12.0, 0.0))
     return result

@@ -9,11 +9,13 @@ would have fallen either way had it been started a little differently.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
+from scipy.stats import truncnorm
 
 from nermo_gap.core.effects.contact import colliding, soften_onset
 from nermo_gap.core.hypothesis import Fit, Hypothesis
@@ -29,6 +31,10 @@ _STEP = 0.02
 _NUISANCE_STEP = 0.02
 """The same of a nuisance, in standard deviations of its prior. Small: an effect and its imitation differ by
 what a longer step bends."""
+_LOOSE = 1e-6
+"""Prior weight of an effect's parameter, in its scale: none to speak of."""
+_BOXED = float(truncnorm.var(-BOX, BOX))
+"""Variance of a nuisance that stays in its box, where its prior has 1."""
 _FOLD_TRIALS = (1.0, 0.3)
 _STRAINED = 1.0
 """[nats] Nuisances that cost more than this may have swallowed a part of an effect."""
@@ -167,10 +173,9 @@ class Fitter:
         square = self.mean_square(residual, select)
         root = np.sqrt(self.weights(square, select))[:, None, :]
         ne, nn = len(effect_jacobian), len(nuisance)
-        stacked = np.concatenate([effect_jacobian.reshape(ne, residual.size), nuisance.reshape(nn, residual.size)])
-        stacked = stacked * np.broadcast_to(root, residual.shape).reshape(1, -1)
+        stacked = _stack(effect_jacobian, nuisance) * np.broadcast_to(root, residual.shape).reshape(1, -1)
         target = (residual * root).reshape(-1)
-        prior = np.diag(np.concatenate([np.full(ne, 1e-6), np.ones(nn)]))
+        prior = np.diag(np.concatenate([np.full(ne, _LOOSE), np.ones(nn)]))
         normal = stacked @ stacked.T + prior
         slope = stacked @ target + np.concatenate([np.zeros(ne), z])
         if ne + nn == 0:
@@ -360,11 +365,27 @@ class Fitter:
             points.append(tried[best])
         fit.fold_x = np.array([x for x, _ in points]).reshape(len(points), len(fit.x))
         fit.fold_z = np.array([z for _, z in points]).reshape(len(points), len(fit.z))
-        _, _, normal = self.solve(
-            fit.residual, fit.effect_jacobian, fit.z, np.full(len(fit.x), -1e3), np.full(len(fit.x), 1e3)
-        )
-        fit.covariance = np.linalg.inv(normal)[: len(fit.x), : len(fit.x)] * np.outer(scale, scale)
+        fit.covariance = self.covariance(fit)
         return fit
+
+    def covariance(self, fit: Fit) -> Array:
+        """Covariance (nx, nx) of the effects' parameters about the truth, with nuisances drawn from their prior.
+
+        The sandwich A^-1 B A^-1: A is the normal matrix of the data term and the prior, B the covariance of its slope.
+        The two differ, for the data term gives a window's samples the variance 1 + s, its size being unknown, where
+        they have s (mean squares in noise floors), and the fit's prior is not cut off at its box, the nuisances are.
+        """
+        ne, nn = len(fit.x), len(fit.z)
+        scale = fit.hypothesis.vector("scale")
+        square = self.mean_square(fit.residual)
+        shape = fit.residual.shape
+        weight = np.broadcast_to(self.weights(square)[:, None, :], shape).reshape(-1)
+        share = np.broadcast_to((square / (1.0 + square))[:, None, :], shape).reshape(-1)
+        stacked = _stack(fit.effect_jacobian, self.jacobian) * np.sqrt(weight)
+        bread = np.linalg.inv(stacked @ stacked.T + np.diag(np.r_[np.full(ne, _LOOSE), np.ones(nn)]))
+        slope = (stacked * share) @ stacked.T + np.diag(np.r_[np.zeros(ne), np.full(nn, _BOXED)])
+        found: Array = (bread @ slope @ bread)[:ne, :ne] * np.outer(scale, scale)
+        return found
 
     def sensitivities(
         self, hypothesis: Hypothesis, x: Array, z: Array, residual: Array, select: Ints | None = None
@@ -382,3 +403,9 @@ class Fitter:
 
     def _cost(self, residual: Array, z: Array, select: Ints | None = None) -> float:
         return float(self.data_cost(self.mean_square(residual, select), select)) + 0.5 * float(z @ z)
+
+
+def _stack(effects: Array, nuisances: Array) -> Array:
+    """Sensitivities (ne + nn, samples) to effects and nuisances, one row each."""
+    both = np.concatenate([effects, nuisances])
+    return both.reshape(len(both), math.prod(both.shape[1:]))
