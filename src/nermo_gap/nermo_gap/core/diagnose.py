@@ -52,7 +52,8 @@ HEAVY = Effort(hopeful=20, survivors=5, finalists=3, leaders=1, rounds=1, partne
 LAW = 0.015
 """Standard error of any parameter as a share of its size (for a factor: of its distance from 1), beside what the data
 say, per effect: a robot's friction or servo follows the law of the library only about, and what one effect's law
-leaves another takes up. From 144 intervals of the blind sets 79341278 and 55795674, of which it holds 88 % (93 of single effects, 84 of pairs)."""
+leaves another takes up. Chosen on 144 intervals of the blind sets 79341278 and 55795674, of which it holds 88 % (93 of
+single effects, 84 of pairs)."""
 
 
 @dataclass
