@@ -47,6 +47,11 @@ def soften_onset(model: mujoco.MjModel) -> None:
         impedance[:, 0], impedance[:, 2] = _ONSET, np.minimum(impedance[:, 2], depth)
 
 
+_SLIPPERY = (0.06, 0.12, 0.25, 0.55, 1.7)
+"""Factors of friction. A foot that hardly pushes sideways does not slip before little is left, and from where it sticks
+no slope leads there."""
+
+
 class GroundFriction(Effect):
     """The ground is more slippery or rougher, everywhere or under one foot."""
 
@@ -59,7 +64,7 @@ class GroundFriction(Effect):
             return
         for site in named_sites(context, Obj.mjOBJ_GEOM, feet) if len(feet) < 9 else [Site("all", tuple(feet))]:
             if len(feet) > 1 or site.name != "all":
-                yield cls(site, [ratio(tries=(0.25, 0.55, 1.7), low=0.02, high=4.0)])
+                yield cls(site, [ratio(tries=_SLIPPERY, low=0.02, high=4.0)])
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         model = variant.model
