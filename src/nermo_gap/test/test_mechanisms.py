@@ -39,11 +39,12 @@ def exact(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recordings, "build", lambda *a, **k: build(*a, **(k | {"spread": (0.0, 0.0)})))
 
 
-def _case(robot: str, name: str, level: int = 1) -> Case:
+def _case(robot: str, name: str, level: int = 1, size: float | None = None) -> Case:
     places = cases.all_sites(robot)
     fault = next(f for f in FAULTS if f.name == name and places[f.kind])
     site = places[fault.kind][0]
-    injected = Injected(name, fault.kind, site.name, site.members, LEVELS[level], fault.sizes[level], True, site.places)
+    size = fault.sizes[level] if size is None else size
+    injected = Injected(name, fault.kind, site.name, site.members, LEVELS[level], size, True, site.places)
     return simulate(Case("000", robot, "single", (3, 5), 6.0, [injected]))
 
 
@@ -100,6 +101,15 @@ def test_a_sagging_supply_weakens_servos_at_their_limit_too(exact: None) -> None
     (effect,) = (e for e in effects if e.key == "supply_sag@all")
     sag = truth.sag * effect._reference / truth.sag_at  # type: ignore[attr-defined]
     assert _typical(fitter, Hypothesis((effect,)), [sag]) < 0.1 * _typical(fitter, Hypothesis(), [])
+
+
+def test_a_foot_that_slips_only_when_little_friction_is_left_is_tried_there(exact: None) -> None:
+    """The leg hardly pushes sideways: with a quarter of its friction the foot still sticks, and little changes."""
+    fitter, effects, _ = _replayed(_case("leg", "ground_friction", size=0.07))
+    (effect,) = (e for e in effects if e.key == "ground_friction@foot")
+    without = _typical(fitter, Hypothesis(), [])
+    assert _typical(fitter, Hypothesis((effect,)), [0.25]) > 0.9 * without
+    assert min(_typical(fitter, Hypothesis((effect,)), list(start)) for start in effect.starts()) < 0.7 * without
 
 
 def test_a_group_of_servos_is_told_in_one_unit() -> None:
