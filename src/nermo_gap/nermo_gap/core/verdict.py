@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 SMALL = 4.0
 """A gap below this many noise floors is not worth a verdict of unknown."""
 REMAINS = 1.6
-"""A typical window that is left with a gap of this many noise floors is no case of no gap, whatever it looks like. In the
-blind set 79341278 it is left with 1.24 at most by healthy robots, by slipping feet that nothing explained with 1.7."""
+"""A typical window that is left with a gap of this many noise floors is no case of no gap, whatever it looks like. In
+the blind set 79341278 healthy robots leave 1.24 at most there, slipping feet that nothing explained 1.7."""
 STRUCTURE = 0.35
 """Share of the residual's power that must be predictable for it to count as structure."""
 LEFT = 0.35
