@@ -28,6 +28,7 @@ from nermo_gap.core.replay import Replayer
 from nermo_gap.core.residual import Residuals
 from nermo_gap.core.scales import measure_scales
 from nermo_gap.core.scores import Scores
+from nermo_gap.core.screen import screen
 from nermo_gap.core.variant import Variant
 from nermo_gap.core.windows import cut
 
@@ -110,6 +111,19 @@ def test_a_foot_that_slips_only_when_little_friction_is_left_is_tried_there(exac
     without = _typical(fitter, Hypothesis(), [])
     assert _typical(fitter, Hypothesis((effect,)), [0.25]) > 0.9 * without
     assert min(_typical(fitter, Hypothesis((effect,)), list(start)) for start in effect.starts()) < 0.7 * without
+
+
+def test_an_effect_far_larger_than_its_starts_is_looked_for_where_it_is(exact: None) -> None:
+    """Of a hip that hardly has to push, drag that counts beside its servo's is many times what its torque suggests."""
+    case = _case("leg", "viscous_friction", size=3.0)
+    (fault,) = case.faults
+    fitter, effects, _ = _replayed(case)
+    fitter.fit_nuisances()
+    assert fitter.nominal is not None
+    (drag,) = (e for e in effects if (e.name, e.site.name) == ("viscous_friction", fault.site))
+    (found,) = screen(fitter, fitter.nominal, [drag])
+    assert fault.parameters["damping"] > 3.0 * max(drag.parameters[0].tries)
+    assert found.x[0] == pytest.approx(fault.parameters["damping"], rel=0.3)
 
 
 def test_a_group_of_servos_is_told_in_one_unit() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from nermo_gap.core.effects.base import Effect
 from nermo_gap.core.fit import Fitter
 from nermo_gap.core.hypothesis import Fit, Hypothesis
-from nermo_gap.core.preference import EVIDENCE, FINALISTS
+from nermo_gap.core.preference import EVIDENCE, FINALISTS, generalises
 from nermo_gap.core.scores import Scored, Scores
 from nermo_gap.core.screen import Screened, informative_windows, screen
 from nermo_gap.core.seek import seek
@@ -180,11 +180,12 @@ class Candidates:
         return again + [s for s in singles if s.key not in keys], reference
 
     def _forms(self, fit: Fit) -> list[Scored]:
-        """The same effects, one of them in another form; fitted from the same values.
+        """The same effects, one of them in another form or by a law that contains its own; fitted from the same values.
 
-        Laws of one name are close, and which is the robot's shows only when each is fitted to the end.
+        Such laws are close, and which is the robot's shows only when each is fitted to the end.
         """
-        found, effects = [], fit.hypothesis.effects
+        found: list[Scored | None] = []
+        effects = fit.hypothesis.effects
         for i, effect in enumerate(effects):
             names = [p.name for p in effect.parameters]
             same = [o for o in self.effects if o.key == effect.key and [p.name for p in o.parameters] == names]
@@ -193,7 +194,26 @@ class Candidates:
                 if changed.size > len(x):
                     x = seek(self.fitter, changed, i, x, fit.z, self.effort.sought)
                 found.append(self.scores.scored(self.fitter.cross_validate(self.fitter.fit(changed, x, fit.z))))
-        return found
+            found += [self._generalised(fit, i, law) for law in self.effects if generalises(law, effect)]
+        return [f for f in found if f is not None]
+
+    def _generalised(self, fit: Fit, which: int, law: Effect) -> Scored | None:
+        """A fit with a law instead of its special case, effect number ``which``; from the best of the law's starts."""
+        effects = fit.hypothesis.effects
+        first = Hypothesis(effects[:which]).size
+        own = fit.x[first : first + len(effects[which].parameters)]
+        starts = law.starts_from(own.tolist())
+        if not starts:
+            return None
+        made = [Hypothesis((*effects[:which], form, *effects[which + 1 :])) for form in (law, *law.alternatives())]
+        after = fit.x[first + len(own) :]
+        points = [(np.concatenate([fit.x[:first], start, after]), fit.z) for start in starts]
+        fits = []
+        for hypothesis in made:
+            squares = self.fitter.mean_square(self.fitter.replay(hypothesis, points))
+            x, z = points[int(np.argmin(self.fitter.data_cost(squares)))]
+            fits.append(self.fitter.fit(hypothesis, x, z))
+        return self.scores.scored(self.fitter.cross_validate(min(fits, key=lambda f: f.cost)))
 
     @staticmethod
     def _hopeless(without: Scored, best: Scored) -> float:

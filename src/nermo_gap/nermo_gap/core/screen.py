@@ -28,6 +28,10 @@ _GLANCE = 5
 _CROWD, _GLANCE_CROWD = 150, 3
 """With more candidates than this, it sees fewer, and one start in each direction, whose opposite is taken from that."""
 _BATCH = 24
+_FARTHEST, _FURTHER, _ROUNDS = 1.5, 2.0, 3
+"""A start value promises something for effects up to so many times as large; of one that promises most there, the next
+start lies so many times as far, so often. What is large beside the model's own (damping of a servo that hardly has to
+push) is not lost behind what happens to begin near its size."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,8 @@ class Screened:
     cost: float
     response: Array
     """What the start value changes in the residual, weighted, with what nuisances can imitate taken out; flat."""
+    farthest: bool = False
+    """Whether it promises most as far from neutral as the start value tells."""
 
 
 def informative_windows(fitter: Fitter, fit: Fit, count: int = WINDOWS) -> Ints:
@@ -85,7 +91,25 @@ def screen(
     starts = {id(e): e.starts() for e in chosen}
     jobs = sum(len(tries) for tries in starts.values())
     count = int(np.clip(WINDOWS * _JOBS / max(jobs, 1), _FEWEST, WINDOWS))
-    return _ranked(fitter, fit, chosen, starts, informative_windows(fitter, fit, count), progress, (done, 1.0))
+    select = informative_windows(fitter, fit, count)
+    ranked = _ranked(fitter, fit, chosen, starts, select, progress, (done, 1.0))
+    for _ in range(_ROUNDS):
+        starts = {id(s.effect): [further] for s in ranked if (further := _beyond(s)) is not None}
+        again = _ranked(fitter, fit, [e for e in chosen if id(e) in starts], starts, select, None, (1.0, 1.0))
+        better = {id(s.effect): s for s in again}
+        ranked = [min(s, better.get(id(s.effect), s), key=lambda r: r.cost) for s in ranked]
+        if not better:
+            break
+    return sorted(ranked, key=lambda s: s.cost)
+
+
+def _beyond(screened: Screened) -> tuple[float, ...] | None:
+    """The next start value of a candidate with one parameter that promises most as far as its start tells, if any."""
+    if not screened.farthest or len(screened.effect.parameters) != 1:
+        return None
+    (parameter,) = screened.effect.parameters
+    value = parameter.neutral + _FURTHER * float(screened.x[0] - parameter.neutral)
+    return (value,) if parameter.low < value < parameter.high else None
 
 
 def _moderate(starts: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
@@ -135,9 +159,10 @@ def _ranked(
             else:
                 share, z, cost = quick.promise(residual - base, -1.0 if both and _reversible(effect, x) else 0.0)
             neutral = np.array([p.neutral for p in effect.parameters])
-            start = neutral + np.copysign(np.clip(abs(share), 0.15, 1.5), share) * (x - neutral)
+            start = neutral + np.copysign(np.clip(abs(share), 0.15, _FARTHEST), share) * (x - neutral)
             if id(effect) not in best or cost < best[id(effect)].cost:
-                best[id(effect)] = Screened(effect, start, z, cost, project(residual - base))
+                farthest = abs(share) > 0.99 * _FARTHEST
+                best[id(effect)] = Screened(effect, start, z, cost, project(residual - base), farthest)
         if progress:
             progress(span[0] + (span[1] - span[0]) * min(first + _BATCH, len(jobs)) / len(jobs))
     return sorted(best.values(), key=lambda s: s.cost)
@@ -148,7 +173,7 @@ def _promise(fitter: Fitter, fit: Fit, base: Array, residual: Array, select: Int
     nuisances = fitter.jacobian[:, select].astype(float)
     candidates = []
     response = residual - base
-    for about, low, high in ((base, 0.0, 1.5), (residual, -0.7, 0.5)):
+    for about, low, high in ((base, 0.0, _FARTHEST), (residual, -0.7, _FARTHEST - 1.0)):
         dx, dz, _ = fitter.solve(about, response[None], fit.z, np.array([low]), np.array([high]), select)
         predicted = about + dx[0] * response + np.tensordot(dz, nuisances, 1)
         z = fit.z + dz
@@ -184,7 +209,7 @@ class _Quick:
         slope = float(flat @ self._flat - pull @ self._answer)
         found = []
         # At the start itself the residual is a true replay.
-        for s in (float(np.clip(-slope / curve, lowest, 1.5)), 1.0):
+        for s in (float(np.clip(-slope / curve, lowest, _FARTHEST)), 1.0):
             dz = np.clip(-(self._answer + s * answer), -BOX - self._z, BOX - self._z)
             predicted = (self._base + s * response).reshape(-1) + dz.astype(np.float32) @ self._nuisances
             square = self._fitter.mean_square(predicted.reshape(response.shape), self._select)

@@ -99,6 +99,8 @@ class Effect(ABC):
     name: str
     grows: ClassVar[bool] = False
     """Whether ``apply`` looks at ``variant.moment``."""
+    special_case: ClassVar[str] = ""
+    """Name of the effect whose law this one's generalises, at the same site."""
 
     def __init__(self, site: Site, parameters: Sequence[Parameter], form: str = "") -> None:
         self.site, self.parameters, self.form = site, tuple(parameters), form
@@ -128,6 +130,10 @@ class Effect(ABC):
         Further parameters come after those of this one.
         """
         return ()
+
+    def starts_from(self, special: Sequence[float]) -> list[tuple[float, ...]]:
+        """Parameter values to start from where the special case was fitted with the values ``special``."""
+        return []
 
     def starts(self) -> list[tuple[float, ...]]:
         """Parameter values to start from: each parameter's tries, the others at the middle of theirs."""

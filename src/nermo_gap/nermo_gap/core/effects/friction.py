@@ -138,6 +138,14 @@ class StribeckFriction(DryFriction):
     """Dry friction that is larger near standstill and falls off over a small speed."""
 
     name = "stribeck_friction"
+    special_case = "coulomb_friction"
+
+    def starts_from(self, special: Sequence[float]) -> list[tuple[float, ...]]:
+        """About as much friction in the mean, more or less of it near standstill, over a small or a larger speed."""
+        if len(special) != 1:
+            return []
+        (friction,), speed = special, self.parameters[2].tries[0]
+        return [(share * friction, (1.0 - 0.4 * share) * friction, k * speed) for share in (0.5, 1.2) for k in (1, 3)]
 
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
