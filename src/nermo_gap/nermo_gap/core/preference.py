@@ -81,12 +81,13 @@ def places(effects: Sequence[Effect]) -> Counter[str]:
 
 
 def _surprise(fit: Fit, sites: Counter[str]) -> float:
-    """[nats] All kinds of effects are equally likely, and each kind wherever it can act.
+    """[nats] All kinds of effects are equally likely, each wherever it can act; what is twice as extreme half as much.
 
     So a cable's friction, of which a robot with one cable has one place, is likelier than friction at just that one of
-    four joints which the cable moves.
+    four joints which the cable moves; and drag at a knee is, than at the hip six times what a strong one would be.
     """
-    return float(sum(np.log(max(sites[e.name], 1)) for e in fit.hypothesis.effects))
+    kinds = sum(np.log(max(sites[e.name], 1)) for e in fit.hypothesis.effects)
+    return float(kinds + np.log(np.maximum(_extremities(fit), 1.0)).sum())
 
 
 def simplest(scores: Scores, scored: Sequence[Scored], without: Scored, sites: Counter[str]) -> Scored | None:
