@@ -15,6 +15,8 @@ from nermo_gap.blind.imitate import left_by_imitation
 from nermo_gap.blind.recordings import simulate
 from nermo_gap.blind.truth import record
 from nermo_gap.core.align import align
+from nermo_gap.core.candidates import Effort
+from nermo_gap.core.diagnose import Options, diagnose
 from nermo_gap.core.effects.base import Context, Effect
 from nermo_gap.core.fit import Fitter
 from nermo_gap.core.hypothesis import Hypothesis
@@ -124,6 +126,19 @@ def test_an_effect_far_larger_than_its_starts_is_looked_for_where_it_is(exact: N
     (found,) = screen(fitter, fitter.nominal, [drag])
     assert fault.parameters["damping"] > 3.0 * max(drag.parameters[0].tries)
     assert found.x[0] == pytest.approx(fault.parameters["damping"], rel=0.3)
+
+
+@pytest.mark.parametrize("name", ["coulomb_friction", "stribeck_friction"])
+def test_stribecks_law_is_tried_where_coulombs_wins_and_named_where_it_is_the_robots(name: str) -> None:
+    """Only what screens best is fitted here, which is Coulomb's."""
+    case = _case("pendulum", name)
+    robot = robot_of("pendulum")
+    plant = build_plant(mujoco.MjSpec.from_string(robot.xml), parse_map(robot.mapping))
+    only = ("coulomb_friction", "stribeck_friction", "viscous_friction")
+    options = Options(baselines=False, only=only, threads=1, effort=Effort(survivors=1))
+    found = diagnose([recording_from_table(case.columns, plant)], plant, options)
+    assert found.selection.screened[0].effect.name == "coulomb_friction"
+    assert [e["name"] for e in found.report["effects"]] == [name]
 
 
 def test_a_group_of_servos_is_told_in_one_unit() -> None:
