@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from robots import aligned_of, plant_of, simulate
 
+from nermo_gap.core.chance import forgiven
 from nermo_gap.core.diagnose import Options, diagnose
 from nermo_gap.core.effects.base import Context
 from nermo_gap.core.fit import Fitter
@@ -161,3 +162,15 @@ def test_of_equals_the_one_that_could_act_nowhere_else_comes_first() -> None:
     report = diagnose([recording_from_table(table, plant)], plant, options).report
     assert [e["name"] for e in report["effects"]] == ["tendon_friction"], report["reasons"]
     assert any("coulomb_friction@knuckle" in names for names in report["equivalent"])
+
+
+def test_one_window_in_twenty_may_hold_what_is_no_matter_of_the_law() -> None:
+    """It costs what another cause would, and that it is rare; nothing is forgiven the second, nor a lesser loss."""
+    other = np.full(39, 10.0)
+    cost = np.full(39, 4.0)
+    cost[[5, 7]] = 150.0, 90.0
+    found = forgiven(other, cost)
+    assert found[5] == pytest.approx(10.0 + np.log(20.0))
+    np.testing.assert_array_equal(np.delete(found, 5), np.delete(cost, 5))
+    np.testing.assert_array_equal(forgiven(other, np.full(39, 12.0)), np.full(39, 12.0))
+    np.testing.assert_array_equal(forgiven(other[:19], cost[:19]), cost[:19])

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 PATTERN = 0.1
 """Share of the residual's power that a regression predicts where there is none to speak of."""
+_RARELY = 20
+"""One window in so many may be none of chance's."""
 _COMPANIONS = 4
 """Sets of effects beside which a link is fitted, at most."""
 _STAND_INS = ("link_latency", "servo_delay")
@@ -125,10 +127,12 @@ class Chance:
 
     def _gain(self, without: Fit | None, with_: Fit) -> tuple[float, float, float]:
         """(mean, 5 %, 95 %) [nats] over another link, or over no cause in particular."""
-        assert with_.likelihood is not None
-        worse = self._links.without if without is None else without.likelihood
-        assert worse is not None
-        return self._selector.scores.gain(worse, with_.likelihood)
+        better = with_.likelihood
+        assert better is not None
+        if without is None:
+            return self._selector.scores.gain(self._links.without, forgiven(self._links.without, better))
+        assert without.likelihood is not None
+        return self._selector.scores.gain(without.likelihood, better)
 
     def _right(self, found: LinkFit) -> bool:
         gain, low, _ = self._gain(None, found.fit)
@@ -171,6 +175,17 @@ class Chance:
                 break
             lead, links = simpler, less
         return lead, links
+
+
+def forgiven(other: Array, cost: Array) -> Array:
+    """Costs (nw,) [nats] of windows where one in _RARELY may hold what is no matter of the law, but of the ``other``.
+
+    A law is a few numbers, and the rare event that it gives no chance must not outweigh all that it gets right.
+    """
+    worst = np.argsort(other - cost)[: len(cost) // _RARELY]
+    found = cost.copy()
+    found[worst] = np.minimum(cost[worst], other[worst] + np.log(_RARELY))
+    return found
 
 
 def _companions_of(fit: Fit) -> _Companions:
