@@ -92,15 +92,14 @@ def screen(
     jobs = sum(len(tries) for tries in starts.values())
     count = int(np.clip(WINDOWS * _JOBS / max(jobs, 1), _FEWEST, WINDOWS))
     select = informative_windows(fitter, fit, count)
-    ranked = _ranked(fitter, fit, chosen, starts, select, progress, (done, 1.0))
+    fresh = _ranked(fitter, fit, chosen, starts, select, progress, (done, 1.0))
+    best = {id(s.effect): s for s in fresh}
     for _ in range(_ROUNDS):
-        starts = {id(s.effect): [further] for s in ranked if (further := _beyond(s)) is not None}
-        again = _ranked(fitter, fit, [e for e in chosen if id(e) in starts], starts, select, None, (1.0, 1.0))
-        better = {id(s.effect): s for s in again}
-        ranked = [min(s, better.get(id(s.effect), s), key=lambda r: r.cost) for s in ranked]
-        if not better:
-            break
-    return sorted(ranked, key=lambda s: s.cost)
+        starts = {id(s.effect): [further] for s in fresh if (further := _beyond(s)) is not None}
+        tried = _ranked(fitter, fit, [e for e in chosen if id(e) in starts], starts, select, None, (1.0, 1.0))
+        fresh = [s for s in tried if s.cost < best[id(s.effect)].cost]
+        best |= {id(s.effect): s for s in fresh}
+    return sorted(best.values(), key=lambda s: s.cost)
 
 
 def _beyond(screened: Screened) -> tuple[float, ...] | None:
