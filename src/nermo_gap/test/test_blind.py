@@ -9,9 +9,11 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -121,6 +123,38 @@ def test_a_link_that_is_late_and_loses() -> None:
     np.testing.assert_allclose(late.columns["q0"][200:], healthy.columns["q0"][196:-4], atol=2e-3)
     truth.link = Link(loss=1.0)
     assert np.ptp(_run(truth).columns["q0"][200:]) < 1e-2
+
+
+def test_a_late_link_s_answer_is_what_the_robot_waits() -> None:
+    """It takes up what has arrived at its next tick."""
+    truth = _truth()
+    fault = next(f for f in FAULTS if f.name == "link_latency")
+    answer = fault.inject(truth, _healthy("arm")[1], "all", 0.021)
+    ticks = round(answer["delay"] / PERIOD)
+    late, healthy = _run(truth), _run(_truth())
+    np.testing.assert_allclose(late.columns["q0"][200:], healthy.columns["q0"][200 - ticks : -ticks], atol=2e-3)
+
+
+@pytest.mark.parametrize(("begin", "end"), [(-1.0, "upper"), (0.95, "lower")])
+def test_a_robot_begins_on_the_free_side_of_a_stop(begin: float, end: str) -> None:
+    truth, scale = _truth(), _healthy("arm")[1]
+    moved = replace(scale, low={"elbow": -1.0}, high={"elbow": 1.0}, begin={"elbow": begin})
+    fault = next(f for f in FAULTS if f.name == "joint_range")
+    answer = fault.inject(truth, moved, "elbow", 0.25)
+    assert answer == {end: pytest.approx(0.5 if end == "upper" else -0.5)}
+    place = truth.addresses("elbow")[0]
+    data = mujoco.MjData(truth.model)
+
+    def pushed(angle: float) -> float:
+        data.qpos[place], data.qfrc_applied[:] = angle, 0.0
+        truth.forces[-1](data)
+        return float(data.qfrc_applied[truth.dof("elbow")])
+
+    (limit,) = answer.values()
+    assert pushed(begin) == 0.0
+    beyond = 0.01 if end == "upper" else -0.01
+    assert pushed(limit - beyond) == 0.0
+    assert pushed(limit + beyond) * beyond < 0.0
 
 
 def test_numbers_are_off_by_five_to_ten_percent() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from robots import aligned_of, simulate
 from scipy.stats import truncnorm
 
@@ -18,6 +19,8 @@ from nermo_gap.core.residual import Residuals
 from nermo_gap.core.scales import measure_scales
 from nermo_gap.core.variant import Variant
 from nermo_gap.core.windows import cut
+
+Array = NDArray[np.float64]
 
 BLOCKS = 8
 """Independent pieces of noise in a window."""
@@ -47,6 +50,38 @@ def test_covariance_is_that_of_fits_to_noise_and_random_nominal_numbers(
 ) -> None:
     """Fits to recordings that are linear in everything scatter as said, whatever the noise is in noise floors."""
     fitter, fit = about_nominal
+    assert _said_over_scatter(fitter, fit, size) == pytest.approx(1.0, abs=0.12)
+
+
+def test_a_number_that_was_left_out_may_be_off_all_the_same(
+    about_nominal: tuple[Fitter, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The servo's rate gain, which works like the drag that is sought, and in the fit counts for nothing."""
+    fitter, fit = about_nominal
+    nuisances, jacobian = fitter.nuisances, fitter.jacobian
+    which = np.array([n.name == "rate gain servo" for n in nuisances])
+    left = jacobian[which].copy()
+    try:
+        fitter.left_out = [n for n, out in zip(nuisances, which, strict=True) if out]
+        fitter.nuisances = [n for n, out in zip(nuisances, which, strict=True) if not out]
+        fitter.jacobian = jacobian[~which]
+        less = Fit(fit.hypothesis, fit.x, fit.z[~which], 0.0, fit.residual, fit.effect_jacobian)
+        np.testing.assert_allclose(fitter._left_out_jacobian(less), left, atol=1e-3 * np.abs(left).max())
+        assert len(fitter.nuisances) == len(nuisances) - 1
+        ratio = np.sqrt(np.diag(fitter.covariance(less)) / np.diag(fitter.covariance(less, thorough=True)))
+        assert ratio.min() < 0.8, "what is said without it is too narrow"
+        # Of residuals that are drawn no replay knows.
+        monkeypatch.setattr(fitter, "_left_out_jacobian", lambda fit: left)
+        assert _said_over_scatter(fitter, less, 1.0, left) == pytest.approx(1.0, abs=0.12)
+    finally:
+        fitter.left_out, fitter.nuisances, fitter.jacobian = [], nuisances, jacobian
+
+
+def _said_over_scatter(fitter: Fitter, fit: Fit, size: float, left: Array | None = None) -> Array:
+    """Deviations (nx,) as the covariance has them, over what fits to noise of a ``size`` in noise floors scatter by.
+
+    ``left`` are sensitivities to numbers that are random, too, but not fitted.
+    """
     rng = np.random.default_rng(5)
     nx, nz = len(fit.x), len(fit.z)
     windows, samples, channels = fit.residual.shape
@@ -56,6 +91,8 @@ def test_covariance_is_that_of_fits_to_noise_and_random_nominal_numbers(
         noise = size * rng.standard_normal((windows, BLOCKS, channels))
         noise = noise.repeat(-(-samples // BLOCKS), axis=1)[:, :samples]
         truth = truncnorm.rvs(-BOX, BOX, size=nz, random_state=rng)
+        if left is not None:
+            noise = noise + np.tensordot(truncnorm.rvs(-BOX, BOX, size=len(left), random_state=rng), left, 1)
         dx, z = np.zeros(nx), np.zeros(nz)
         for _ in range(6):
             residual = noise + np.tensordot(dx, fit.effect_jacobian, 1) + np.tensordot(z - truth, fitter.jacobian, 1)
@@ -63,9 +100,9 @@ def test_covariance_is_that_of_fits_to_noise_and_random_nominal_numbers(
             dx, z = dx + step_x, z + step_z
         errors.append(dx)
         made = Fit(fit.hypothesis, fit.x, z, 0.0, residual, fit.effect_jacobian)
-        said.append(np.diag(fitter.covariance(made)) / scale**2)
-    ratio = np.sqrt(np.mean(said, axis=0)) / np.sqrt(np.mean(np.square(errors), axis=0))
-    assert ratio == pytest.approx(1.0, abs=0.12)
+        said.append(np.diag(fitter.covariance(made, thorough=left is not None)) / scale**2)
+    ratio: Array = np.sqrt(np.mean(said, axis=0)) / np.sqrt(np.mean(np.square(errors), axis=0))
+    return ratio
 
 
 def test_deviation_knows_folds_laws_and_the_time_step(about_nominal: tuple[Fitter, Fit]) -> None:

@@ -181,3 +181,51 @@ def test_a_second_effect_is_found_that_strained_nominal_numbers_had_swallowed() 
     tilted = recording_from_table(table | {"q1": table["q1"] + 0.15}, plant)
     found = diagnose([tilted], plant, Options(baselines=False, only=only, threads=1))
     assert _names(found) == {"sensor_bias@tilt_pos", "armature@pan"}, found.report["reasons"]
+
+
+def test_friction_of_a_cable_and_of_its_joint_are_not_both_named() -> None:
+    """One change under two names: two constraints are stiffer than one, and so fit a little better."""
+    plant = plant_of("finger")
+    only = ("tendon_friction", "coulomb_friction", "joint_damping")
+    table = simulate("finger", 8.0, change=_rub)
+    found = diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=only, threads=1))
+    candidates, fitter = found.selector.candidates, found.selector.fitter
+    kinds = {e.key: e for e in found.selector.effects}
+
+    def says_again(*names: str) -> bool:
+        hypothesis = Hypothesis(tuple(kinds[n] for n in names))
+        x = np.array([p.tries[0] for e in hypothesis.effects for p in e.parameters])
+        return candidates._says_again(fitter.fit(hypothesis, x, np.zeros(len(fitter.nuisances)), 1))
+
+    assert says_again("tendon_friction@cable", "coulomb_friction@knuckle")
+    assert not says_again("tendon_friction@cable", "joint_damping@knuckle")
+    assert not says_again("tendon_friction@cable", "coulomb_friction@wrist")
+    assert len(_names(found)) == 1, found.report["reasons"]
+
+
+def _rub(model: mujoco.MjModel) -> None:
+    model.dof_frictionloss[model.joint("knuckle").dofadr[0]] += 0.15
+
+
+def test_a_mass_that_lies_aside_comes_before_gravity_that_leans_far() -> None:
+    """One change of a pendulum under two names, of which the milder is the likelier."""
+
+    def aside(model: mujoco.MjModel) -> None:
+        model.body_ipos[model.body("link").id, 0] += 0.03
+
+    plant, table = plant_of("pendulum"), simulate("pendulum", 12.0, change=aside)
+    options = Options(baselines=False, only=("com_shift", "gravity_lean", "servo_offset"), threads=1)
+    found = diagnose([recording_from_table(table, plant)], plant, options)
+    assert found.report["verdict"] == "ambiguous"
+    assert _names(found) == {"com_shift@link"}
+    assert "gravity_lean@all" in found.report["equivalent"][0]
+
+
+def test_a_winner_that_ended_in_a_wrong_optimum_is_shaken_out_of_it() -> None:
+    _, found = _drag_and_friction()
+    selector, right = found.selector, found.selection
+    candidates, best = selector.candidates, right.best.fit
+    stuck = replace(best, x=best.x * [0.75, 1.0], cost=best.cost + 40.0)
+    better = candidates.shaken(replace(right.best, fit=stuck))
+    assert better.fit.cost == pytest.approx(best.cost, abs=0.5)
+    assert candidates.shaken(right.best) is right.best

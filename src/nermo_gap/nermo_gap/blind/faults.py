@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.blind.truth import Run, Soft, Truth
+from nermo_gap.blind.truth import PERIOD, Run, Soft, Truth
 
 Array = NDArray[np.float64]
 Values = dict[str, float]
@@ -30,6 +30,7 @@ class Scale:
     inertia: dict[str, float]
     low: dict[str, float]
     high: dict[str, float]
+    begin: dict[str, float]
     force: Array
     swing: Array
     rate: Array
@@ -56,6 +57,7 @@ class Scale:
             inertia,
             {n: float(np.percentile(v, 1)) for n, v in healthy.position.items()},
             {n: float(np.percentile(v, 99)) for n, v in healthy.position.items()},
+            {n: float(v[0]) for n, v in healthy.position.items()},
             np.percentile(np.abs(healthy.force), 95, axis=0),
             commands.std(axis=0),
             np.percentile(rates, 95, axis=0),
@@ -162,18 +164,20 @@ def _creep(truth: Truth, scale: Scale, joint: str, size: float) -> Values:
 
 def _stop(truth: Truth, scale: Scale, joint: str, size: float) -> Values:
     low, high = scale.low[joint], scale.high[joint]
-    upper = high - size * (high - low)
+    # The robot begins on the free side of it.
+    above = scale.begin[joint] < high - size * (high - low)
+    sign, limit = (1.0, high - size * (high - low)) if above else (-1.0, low + size * (high - low))
     dof, places = truth.dof(joint), truth.addresses(joint)
     stiffness = 0.04 * float(truth.model.dof_M0[dof]) / float(truth.model.opt.timestep) ** 2
 
     def force(data: mujoco.MjData) -> None:
-        depth = sum(data.qpos[p] for p in places) - upper
+        depth = sign * (sum(data.qpos[p] for p in places) - limit)
         if depth > 0:
             damping = 0.4 * np.sqrt(stiffness * truth.model.dof_M0[dof])
-            data.qfrc_applied[dof] -= max(stiffness * depth + damping * data.qvel[dof], 0.0)
+            data.qfrc_applied[dof] -= sign * max(stiffness * depth + sign * damping * data.qvel[dof], 0.0)
 
     truth.forces.append(force)
-    return {"upper": upper}
+    return {"upper" if above else "lower": limit}
 
 
 def _mass(truth: Truth, scale: Scale, body: str, size: float) -> Values:
@@ -371,7 +375,8 @@ def _askew(truth: Truth, scale: Scale, column: str, size: float) -> Values:
 
 def _latency(truth: Truth, scale: Scale, _: str, size: float) -> Values:
     truth.link.latency = size
-    return {"delay": size}
+    # A robot takes up what has arrived at its next tick.
+    return {"delay": float(np.ceil(size / PERIOD - 1e-9)) * PERIOD}
 
 
 def _jitter(truth: Truth, scale: Scale, _: str, size: float) -> Values:

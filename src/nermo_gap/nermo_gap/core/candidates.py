@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,13 @@ FAVOURITES = 2
 """First fits start where nominal numbers hide most of an effect; what the screening ranks so high is refitted."""
 LEADERS = 2
 """Kinds of effects about which, beside the nominal model, errors of the windows' start are computed, at most."""
+SHAKEN = (0.75, 0.88, 0.95, 1.05, 1.14, 1.3)
+"""So many times as large an effect is tried once more where much is left: laws that switch (a play, a dead band) have
+optima beside the one that a fit ends in."""
+_SHAKEN_STARTS = 3
+"""Of these values so many are fitted."""
+_ANOTHER_NAME = 0.995
+"""Two effects whose sensitivities have this cosine are one change under two names."""
 _UNTOUCHED = 3
 """Effects that are also tried beside untouched nominal numbers, where those are bent far."""
 MAX_EFFECTS = 3
@@ -247,7 +254,19 @@ class Candidates:
         polished = [self.scores.scored(fitter.polish(p.fit)) for p in hopeful]
         polished += [self.scores.scored(fitter.polish(f.fit)) for f in self._forms(min(polished, key=by_score).fit)]
         keys = {p.key for p in polished}
-        return sorted([*polished, *(p for p in pairs if p.key not in keys)], key=by_score)
+        found = [*polished, *(p for p in pairs if p.key not in keys)]
+        return sorted((p for p in found if not self._says_again(p.fit)), key=by_score)
+
+    def _says_again(self, fit: Fit) -> bool:
+        """Whether the last effect of a fit changes just what an earlier one does: friction of a cable and of its joint.
+
+        Two of these fit a little better than one only because two constraints are stiffer.
+        """
+        last = len(fit.hypothesis.effects[-1].parameters)
+        root = np.sqrt(self.fitter.weights(self.fitter.mean_square(fit.residual)))[:, None, :]
+        rows = (fit.effect_jacobian * root).reshape(len(fit.x), -1)
+        rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
+        return bool((np.abs(rows[:-last] @ rows[-last:].T) > _ANOTHER_NAME).any())
 
     def beside_untouched(self, base: Fit, singles: Sequence[Scored]) -> list[Scored]:
         """Fits of one effect more that begin where it was alone, and nominal numbers untouched.
@@ -287,6 +306,23 @@ class Candidates:
         """A winner fitted to the end."""
         better = self.scores.scored(self.fitter.polish(scored.fit, rounds=self.effort.rounds))
         return better if better.fit.cost <= scored.fit.cost else scored
+
+    def shaken(self, scored: Scored) -> Scored:
+        """A winner, begun anew from values about its own, one at a time, nominal numbers as they are or untouched."""
+        fitter, fit = self.fitter, scored.fit
+        away, low, high = (fit.hypothesis.vector(name) for name in ("neutral", "low", "high"))
+        points = []
+        for i, share in product(range(len(fit.x)), SHAKEN):
+            x = fit.x.copy()
+            x[i] = away[i] + share * (x[i] - away[i])
+            points += [(np.clip(x, low, high), z) for z in (fit.z, np.zeros_like(fit.z))]
+        costs = fitter.data_cost(fitter.mean_square(fitter.replay(fit.hypothesis, points)))
+        costs = costs + 0.5 * np.array([z @ z for _, z in points])
+        starts = np.argsort(costs)[:_SHAKEN_STARTS]
+        best = min((fitter.fit(fit.hypothesis, *points[i]) for i in starts), key=lambda f: f.cost)
+        if best.cost > fit.cost - EVIDENCE:
+            return scored
+        return self.to_the_end(self.scores.scored(fitter.cross_validate(best)))
 
     def say(self, stage: str, share: float) -> None:
         """Report progress: ``share`` of a stage is done."""

@@ -57,6 +57,7 @@ class Fitter:
 
     def __init__(self, residuals: Residuals, nuisances: Sequence[Nuisance]) -> None:
         self.residuals, self.nuisances = residuals, list(nuisances)
+        self.left_out: list[Nuisance] = []
         self.windows = residuals.replayer.windows
         self.base = Variant.nominal(residuals.replayer.plant)
         self.count = np.maximum(residuals.mask.sum(axis=1), 1).astype(float)
@@ -225,6 +226,7 @@ class Fitter:
         weight = self.weights(np.ones_like(self.mean_square(self.nominal.residual)))[:, None, :]
         worth = 0.5 * np.array([float((row * row * weight).sum()) for row in self.jacobian])
         kept = np.flatnonzero(worth > _WORTH)
+        self.left_out = [self.nuisances[i] for i in np.flatnonzero(worth <= _WORTH)]
         self.nuisances = [self.nuisances[i] for i in kept]
         self.jacobian, self.nominal.z = self.jacobian[kept], self.nominal.z[kept]
 
@@ -368,12 +370,14 @@ class Fitter:
         fit.covariance = self.covariance(fit)
         return fit
 
-    def covariance(self, fit: Fit) -> Array:
+    def covariance(self, fit: Fit, thorough: bool = False) -> Array:
         """Covariance (nx, nx) of the effects' parameters about the truth, with nuisances drawn from their prior.
 
         The sandwich A^-1 B A^-1: A is the normal matrix of the data term and the prior, B the covariance of its slope.
         The two differ, for the data term gives a window's samples the variance 1 + s, its size being unknown, where
         they have s (mean squares in noise floors), and the fit's prior is not cut off at its box, the nuisances are.
+        ``thorough``: what was left out, as the nominal model hardly moves by it, may be off as well, and beside the
+        effect it may count: the friction of a ground on which only a foot that slips depends.
         """
         ne, nn = len(fit.x), len(fit.z)
         scale = fit.hypothesis.vector("scale")
@@ -384,8 +388,25 @@ class Fitter:
         stacked = _stack(fit.effect_jacobian, self.jacobian) * np.sqrt(weight)
         bread = np.linalg.inv(stacked @ stacked.T + np.diag(np.r_[np.full(ne, _LOOSE), np.ones(nn)]))
         slope = (stacked * share) @ stacked.T + np.diag(np.r_[np.zeros(ne), np.full(nn, _BOXED)])
+        if thorough and self.left_out:
+            others = self._left_out_jacobian(fit).reshape(len(self.left_out), -1) * np.sqrt(weight)
+            pull = stacked @ others.T
+            slope += _BOXED * pull @ pull.T
         found: Array = (bread @ slope @ bread)[:ne, :ne] * np.outer(scale, scale)
         return found
+
+    def _left_out_jacobian(self, fit: Fit) -> Array:
+        """Sensitivities (n, nw, ns, nl) to the nuisances that are left out, about a fit."""
+        kept, jacobian = self.nuisances, self.jacobian
+        which = np.arange(len(kept) + len(self.left_out)) >= len(kept)
+        try:
+            self.nuisances = [*kept, *self.left_out]
+            self.jacobian = np.zeros((len(which), *fit.residual.shape), np.float32)
+            z = np.concatenate([fit.z, np.zeros(len(self.left_out))])
+            self.refresh(fit.hypothesis, fit.x, z, fit.residual, which)
+            return self.jacobian[which].astype(float)
+        finally:
+            self.nuisances, self.jacobian = kept, jacobian
 
     def sensitivities(
         self, hypothesis: Hypothesis, x: Array, z: Array, residual: Array, select: Ints | None = None

@@ -112,14 +112,14 @@ def simplest(scores: Scores, scored: Sequence[Scored], without: Scored, sites: C
         if _kinds(rival.fit) == _kinds(chosen.fit) and _parts(rival.fit) < _parts(chosen.fit):
             chosen = rival if rival.score < close else chosen
     # Names for the same change: the one at fewer parts, or that has to be less extreme.
-    for rival in scored[1:FINALISTS]:
+    for rival in scored[:FINALISTS]:
         same, tie = rival.fit.hypothesis.size == chosen.fit.hypothesis.size, rival.score < chosen.score + TIE
         fewer = _parts(rival.fit) - _parts(chosen.fit)
         milder = _extremities(rival.fit).max(initial=0.0) < 0.7 * _extremities(chosen.fit).max(initial=0.0)
         if tie and ((same and fewer < 0) or (fewer == 0 and milder)):
             chosen = rival
     for rival in scored[:FINALISTS]:
-        same = rival.fit.hypothesis.size == chosen.fit.hypothesis.size and _parts(rival.fit) == _parts(chosen.fit)
+        same = _parts(rival.fit) == _parts(chosen.fit)
         less = _surprise(chosen.fit, sites) - _surprise(rival.fit, sites)
         if same and less > 0.0 and rival.score < chosen.score + min(less, CLOSE):
             chosen = rival

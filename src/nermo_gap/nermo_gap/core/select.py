@@ -108,11 +108,16 @@ class Selector:
             return result
         if winner is not None and earns(self.scores, reference, winner, len(self.effects)):
             singles, winner = self._followed(singles, winner, reference)
+            winner = self._shaken(winner)
             result = self._forward(result, singles, winner, screened)
             if self.scores.typical(result.best.fit.held) > ENOUGH:
                 result = self._begun_elsewhere(result, screened)
-        elif self.scores.typical(reference.fit.held) > UNEXPLAINED:
-            result = self._only_together(result, screened)
+        else:
+            if self.scores.worst_channel(reference.fit.held) > UNEXPLAINED:
+                # Beside numbers that fit other effects show than about the nominal ones.
+                self.add(result, screened)
+            if result.best is reference and self.scores.typical(reference.fit.held) > UNEXPLAINED:
+                result = self._only_together(result, screened)
         if result.best is reference:
             return result
         self._settle(result)
@@ -131,6 +136,10 @@ class Selector:
                 break
         self._drop(found)
         return found
+
+    def _shaken(self, scored: Scored) -> Scored:
+        """A winner that leaves much, begun anew from values about its own."""
+        return self.candidates.shaken(scored) if self.scores.typical(scored.fit.held) > ENOUGH else scored
 
     def _begun_elsewhere(self, result: Selection, screened: Sequence[Screened]) -> Selection:
         """The same with another first effect, where much is left: the first may only have imitated two others.
@@ -180,7 +189,7 @@ class Selector:
         if unrivalled:
             result.unrivalled |= {e.key for e in best.fit.hypothesis.effects} - present
         result.gains.append(self.scores.difference(base.fit, best.fit))
-        best = self.candidates.to_the_end(best)
+        best = self._shaken(self.candidates.to_the_end(best))
         pairs = sorted([best, *(p for p in pairs if p.fit.hypothesis is not best.fit.hypothesis)], key=by_score)
         result.best, result.rivals = best, pairs
         return True
@@ -210,7 +219,9 @@ class Selector:
         old = result.best
         self.fitter.refresh(old.fit.hypothesis, old.fit.x, old.fit.z, old.fit.residual)
         fit = self.fitter.fit(old.fit.hypothesis, old.fit.x, old.fit.z, known=old.fit.residual)
-        result.best = self.scores.scored(self.fitter.cross_validate(fit))
+        fit = self.fitter.cross_validate(fit)
+        fit.covariance = self.fitter.covariance(fit, thorough=True)
+        result.best = self.scores.scored(fit)
         result.rivals = sorted([result.best, *(r for r in result.rivals if r is not old)], key=by_score)
 
     def _grow(self, result: Selection) -> None:
