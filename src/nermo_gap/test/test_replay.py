@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from robots import MODELS, aligned_of, simulate
 
 from nermo_gap.core.align import Aligned
+from nermo_gap.core.integration import finer
 from nermo_gap.core.plant import Plant
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.residual import Residuals, channel_gap
@@ -32,6 +33,23 @@ def test_gap_of_the_truth_is_one(name: str) -> None:
     residuals = Residuals.build(replayer, nominal)
     gap = channel_gap(residuals.of([nominal])[0], residuals.mask)
     assert (gap > 0.5).all() and (gap < 1.3).all()
+
+
+def test_a_finer_step_is_closer_to_a_leg_that_has_none() -> None:
+    def continuous(model: mujoco.MjModel) -> None:
+        model.opt.timestep = 6.25e-5
+
+    plant, aligned, floor = aligned_of("leg", simulate("leg", 6.0, noise=2e-5, change=continuous))
+    left = []
+    for times in (1, 2, 4):
+        fine = finer(plant, times)
+        assert fine.model.opt.timestep == plant.model.opt.timestep / times
+        nominal = Variant.nominal(fine)
+        residuals = Residuals.build(Replayer(fine, aligned, cut(aligned), floor, 1), nominal)
+        left.append(float((residuals.of([nominal])[0] ** 2).mean()))
+    assert left[1] < 0.7 * left[0] and left[2] < left[1], left
+    pendulum, _, _ = aligned_of("pendulum", simulate("pendulum", 5.0))
+    assert finer(pendulum) is pendulum, "no contact"
 
 
 def test_same_bits_at_any_number_of_threads_and_company() -> None:

@@ -24,6 +24,7 @@ from nermo_gap.core.experiment import GenericMenu, Menu
 from nermo_gap.core.fit import Fitter
 from nermo_gap.core.horizon import usable_horizon
 from nermo_gap.core.hypothesis import Fit, Hypothesis
+from nermo_gap.core.integration import FINER, finer
 from nermo_gap.core.isolability import confusion, isolability
 from nermo_gap.core.library import enumerate_effects
 from nermo_gap.core.next_experiment import Proposal, propose
@@ -72,6 +73,8 @@ class Options:
     """Which candidates make sense on this robot; all where None."""
     nuisances: Callable[[Plant, Array, Array, float], list[Nuisance]] = enumerate_nuisances
     """What may be off about this robot without being a fault; takes what `enumerate_nuisances` takes."""
+    finer: int = FINER
+    """Steps of the replay for one of the model's, where its bodies touch the ground."""
     effort: Effort | None = None
     """By default as much as the model is worth."""
     max_windows: int | None = None
@@ -116,6 +119,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     """
     options = options or Options()
     started = time.monotonic()
+    plant = finer(plant, options.finer)
     aligned = align(concatenate(list(recordings)), plant)
     floor = np.maximum(noise_floor(aligned), [options.resolution.get(o.name, 0.0) for o in plant.outputs])
     warnings = [*plant.warnings, *aligned.warnings]
@@ -152,6 +156,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     report = _report(aligned, floor, selector, selection, verdict, structure, options)
     report["next_experiment"] = proposal.report() if proposal else None
     report["warnings"] = warnings
+    report["time_step_s"] = float(plant.model.opt.timestep)
     report["replayed_s"] = replayer.simulated_seconds
     report["wall_s"] = time.monotonic() - started
     return Diagnosis(verdict, selection, selector, aligned, report, proposal, options.menu)

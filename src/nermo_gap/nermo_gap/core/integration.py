@@ -1,17 +1,42 @@
-"""What a time step does to a simulated robot: its joints seem to have more inertia than its equations say."""
+"""What a time step does to a simulated robot: its joints seem to have more inertia than its equations say, and its feet
+land when a step begins.
+"""
 
 from __future__ import annotations
+
+import copy
+import dataclasses
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from nermo_gap.core.effects.contact import colliding
+from nermo_gap.core.plant import Plant
+
 Array = NDArray[np.float64]
+
+FINER = 2
+"""So many steps for one of the model's, where its bodies touch the ground. With a step of 1 ms two faults of the leg in
+the blind set 16363903 (a knee's damping, a soft foot) fit 4 and 7 nats worse than what imitates them; with half of it 4
+and 16 nats better, with a quarter, which takes twice as long again, 7 and 24."""
 
 
 def semi_implicit(model: mujoco.MjModel) -> bool:
     """Whether the integrator is of the Euler kind (as all of MuJoCo's but Runge-Kutta are)."""
     return int(model.opt.integrator) != int(mujoco.mjtIntegrator.mjINT_RK4)
+
+
+def finer(plant: Plant, times: int = FINER) -> Plant:
+    """A plant with a time step ``times`` as fine, where its bodies can touch the ground; else the same.
+
+    Damping that comes half a step early is a nuisance (`step_inertia`); what a contact does in a step is none.
+    """
+    if times == 1 or not colliding(plant.model)[0]:
+        return plant
+    model = copy.copy(plant.model)
+    model.opt.timestep /= times
+    return dataclasses.replace(plant, model=model)
 
 
 def step_inertia(model: mujoco.MjModel) -> Array:

@@ -84,6 +84,7 @@ def options_for(plant: Plant, robot: RobotParameters, columns: Sequence[str], ba
     reports = servos_report(plant.map)
     return dataclasses.replace(
         base,
+        finer=1,  # `robot_plant` has chosen.
         groups=groups(plant.model),
         keep=worth_a_look(plant),
         nuisances=nuisances,
