@@ -15,13 +15,16 @@ from numpy.typing import NDArray
 from robots import MAPS, PENDULUM, aligned_of, plant_of, simulate
 from typer.testing import CliRunner
 
+import nermo_gap
 from nermo_gap.cli import gap_app
 from nermo_gap.core.baselines import fit_everything
 from nermo_gap.core.diagnose import Diagnosis, Options, diagnose, write_report
 from nermo_gap.core.fit import Fitter
 from nermo_gap.core.hypothesis import Hypothesis
+from nermo_gap.core.mapping import load_map
 from nermo_gap.core.nuisance import enumerate_nuisances
-from nermo_gap.core.recording import recording_from_table
+from nermo_gap.core.plant import build_plant, load_spec
+from nermo_gap.core.recording import load_table, recording_from_table
 from nermo_gap.core.replay import Replayer
 from nermo_gap.core.residual import Residuals, channel_gap
 from nermo_gap.core.variant import Variant
@@ -142,6 +145,21 @@ def test_no_gap_is_no_gap() -> None:
     report = _diagnose("pendulum", None).report
     assert report["verdict"] == "no_gap" and report["effects"] == []
     assert 0.7 < report["gap"]["after"] < 1.3
+
+
+@pytest.mark.parametrize("dead", [("pos2",), ("pos2", "vel2")])
+def test_an_elbow_whose_angle_nobody_recorded_proves_no_effect(dead: tuple[str, ...]) -> None:
+    """Windows of a real double pendulum would begin at a guess, and an armature of 0.9 kg m^2 explain it."""
+    folder = Path(nermo_gap.__file__).parent / "examples" / "double_pendulum"
+    plant = build_plant(load_spec(folder / "model.xml"), load_map(folder / "map.yaml"))
+    table = {name: column[:900].copy() for name, column in load_table(folder / "excerpt.csv").items()}
+    for name in dead:
+        table[name][:] = 0.5
+    options = Options(baselines=False, only=("armature", "coulomb_friction"), threads=1)
+    found = diagnose([recording_from_table(table, plant)], plant, options)
+    assert found.selector.fitter.residuals.replayer.guesswork() > 2.0
+    assert found.report["verdict"] == "unknown"
+    assert any("elbow" in reason and "record it" in reason for reason in found.report["reasons"])
 
 
 def test_what_is_finer_than_the_sensors_is_no_gap() -> None:

@@ -192,3 +192,23 @@ def test_windows_do_not_begin_where_a_sensor_is_saturated() -> None:
     begins = [avoided[s - windows.warm_up : s + 1].any() for s in windows.start]
     assert np.mean(begins) < 0.5 * np.mean([avoided[s - plain.warm_up : s + 1].any() for s in plain.start])
     assert np.all(np.diff(windows.start) >= windows.length)
+
+
+def test_where_a_dead_channel_s_joint_is_follows_from_its_servo() -> None:
+    table = simulate("arm", 10.0)
+    table["q1"][:] = 0.31
+    plant, aligned, floor = aligned_of("arm", table)
+    replayer = Replayer(plant, aligned, cut(aligned), floor, 1)
+    assert len(replayer.unseen()) == 1
+    assert replayer.guesswork() < 0.1
+
+
+def test_guesswork_leaves_the_replay_as_it_was() -> None:
+    table = simulate("arm", 10.0)
+    table["q1"][:] = 0.31
+    plant, aligned, floor = aligned_of("arm", table)
+    replayer = Replayer(plant, aligned, cut(aligned), floor, 1)
+    nominal = [Variant.nominal(plant)]
+    before = replayer.run(nominal)
+    replayer.guesswork()
+    np.testing.assert_array_equal(before, replayer.run(nominal))

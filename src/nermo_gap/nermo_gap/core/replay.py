@@ -31,6 +31,8 @@ Ints = NDArray[np.int64]
 
 LATE = 0.1
 """[s] before a window from which coordinates whose drive has a memory are held too."""
+ELSEWHERE = (0.1, 0.01)
+"""[rad], [m] by which a hinge and a slide that nothing measures are tried elsewhere."""
 _MAX_BYTES = 150e6
 _MAX_SIMS = 1500
 _FATAL = tuple(int(getattr(mujoco.mjtWarning, f"mjWARN_{w}")) for w in ("INERTIA", "BADQPOS", "BADQVEL", "BADQACC"))
@@ -326,10 +328,40 @@ class Replayer:
 
     # -- coordinates that are not measured -----------------------------------------------------------------------
 
-    def _observe(self, length: float = 6.0, lead: float = 1.5) -> Array:
+    def unseen(self) -> Ints:
+        """Hinges and slides (nu,) whose position no live channel measures."""
+        model = self.plant.model
+        single = np.isin(model.jnt_type, [mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE])
+        return np.flatnonzero(single & ~np.isin(model.jnt_qposadr, self.state.qpos))
+
+    def guesswork(self) -> float:
+        """How far a typical window [noise floors] depends on where unseen joints are taken to be at first.
+
+        The nominal model is run from where it is found to be, and from where it would be found if these joints began
+        each run-in `ELSEWHERE` away: 0 where all are measured, little where springs or servos bring them back.
+        """
+        model, here, joints = self.plant.model, self._start, self.unseen()
+        if here is None or not len(joints):
+            return 0.0
+        moved = np.zeros(model.nq)
+        moved[model.jnt_qposadr[joints]] = np.where(
+            model.jnt_type[joints] == mujoco.mjtJoint.mjJNT_HINGE, ELSEWHERE[0], ELSEWHERE[1]
+        )
+        nominal, live = [Variant.nominal(self.plant)], self.aligned.live
+        found = self.run(nominal)[0]
+        try:
+            self._start = self._observe(moved=moved)
+            away = (self.run(nominal)[0] - found)[..., live] / self.floor[live]
+        finally:
+            self._start = here
+        size = np.sqrt((away**2).mean(axis=(1, 2)))
+        return float(np.median(np.where(np.isfinite(size), size, np.inf)))
+
+    def _observe(self, length: float = 6.0, lead: float = 1.5, moved: Array | None = None) -> Array:
         """State rows (nw, nstate) at the start of each warm-up: the nominal model held to the measurement all along.
 
-        The recording is observed in pieces of ``length`` seconds, each with a run-in of ``lead`` seconds.
+        The recording is observed in pieces of ``length`` seconds, each with a run-in of ``lead`` seconds that begins
+        at the model's reference pose, or ``moved`` (nq,) from it.
         """
         period, dt, windows = self.aligned.period, self._dt, self.windows
         begin = windows.start - windows.warm_up
@@ -346,6 +378,8 @@ class Replayer:
         batch = self._batch(rows, which)
         key = 0 if self.plant.model.nkey else -1
         batch.reset(keyframe=key, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        if moved is not None:
+            batch.bind("qpos")[:] += moved
         paths = np.full(len(pieces), rows[0].inputs)
         drive = Drive(self.plant, [nominal] * len(pieces), paths, shared_inputs, origins, dt, period)
         stops = np.array([next(r.stop for r in self.aligned.runs if r.start <= o < r.stop) for o in origins])

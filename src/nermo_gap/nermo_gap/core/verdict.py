@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,6 +39,9 @@ met changes few windows, but much in these)."""
 MUCH = 7.0
 """And with no more noise floors than this, however small a share of a large gap that is. All windows together that
 are left with more are no case of no gap, though it be few of them."""
+GUESSED = 2.0
+"""A typical window that depends by so many noise floors on where a joint is guessed to be proves no effect. A double
+pendulum whose elbow's angle is not recorded: 98; a mouse whose servos and spine are not: 1e-7."""
 UNSTABLE = 0.5
 """Spread of a parameter between folds, relative to its distance from neutral."""
 
@@ -107,6 +111,15 @@ def _doubts(selector: Selector, selection: Selection, structure: float) -> list[
     """Reasons not to believe the winner."""
     best, reference = selection.best, selection.reference
     doubts = []
+    replayer = selector.fitter.residuals.replayer
+    guessed = replayer.guesswork()
+    if guessed > GUESSED:
+        joints = replayer.plant.names(mujoco.mjtObj.mjOBJ_JOINT)
+        names = ", ".join(joints[j] for j in replayer.unseen())
+        doubts.append(
+            f"nothing measures where {names} is, nor brings the model there: a typical window changes by {guessed:.0f} "
+            f"noise floors with where it is guessed to begin, so that {best.key} may explain the guess: record it"
+        )
     left = max(best.gap - 1.0, 0.0) / max(selection.nominal_gap - 1.0, reference.gap - 1.0, 1e-9)
     if best.gap > SMALL and left > LEFT and structure > STRUCTURE:
         doubts.append(
