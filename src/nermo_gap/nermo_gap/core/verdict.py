@@ -115,9 +115,10 @@ def _doubts(selector: Selector, selection: Selection, structure: float) -> list[
     guessed = replayer.guesswork()
     if guessed > GUESSED:
         joints = replayer.plant.names(mujoco.mjtObj.mjOBJ_JOINT)
-        names = ", ".join(joints[j] for j in replayer.unseen())
+        unseen = [joints[j] for j in replayer.unseen()]
+        more = f" and {len(unseen) - 3} joints more" if len(unseen) > 3 else ""
         doubts.append(
-            f"nothing measures where {names} is, nor brings the model there: a typical window changes by {guessed:.0f} "
+            f"nothing measures where {', '.join(unseen[:3])}{more} is, and a typical window changes by {guessed:.0f} "
             f"noise floors with where it is guessed to begin, so that {best.key} may explain the guess: record it"
         )
     left = max(best.gap - 1.0, 0.0) / max(selection.nominal_gap - 1.0, reference.gap - 1.0, 1e-9)
