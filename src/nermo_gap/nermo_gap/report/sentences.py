@@ -13,7 +13,7 @@ TITLES = {
     "no_gap": "No gap worth an explanation",
     "effect": "One cause found",
     "ambiguous": "Several causes explain it equally well",
-    "unknown": "A cause that is not in the library",
+    "unknown": "No cause that can be believed",
 }
 _PHASES = {
     "standstill": "at standstill",
@@ -67,7 +67,7 @@ def what(report: Report) -> str:
         return "No known effect predicts the held-out data better than the tolerances of the model already do."
     if verdict == "unknown":
         reasons = "; ".join(report.get("reasons") or ["a structured residual remains"])
-        return f"It is none of the effects that the library knows, or not it alone: {reasons}."
+        return f"No effect that the library knows can be believed: {reasons}."
     text = " and ".join(_effect(e) for e in report["effects"])
     if verdict != "ambiguous":
         return f"It is caused by {text}."
