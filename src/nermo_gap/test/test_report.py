@@ -89,8 +89,12 @@ def test_the_ranking_has_intervals_and_marks_the_winner(evidence: Evidence) -> N
 
 def test_every_verdict_has_its_sentences(found: Diagnosis) -> None:
     report = found.report
-    for verdict, words in (("no_gap", "No known effect"), ("unknown", "none of the effects"), ("effect", "caused by")):
-        assert words in what(report | {"verdict": verdict})
+    for verdict, words in (
+        ("no_gap", "No known effect"),
+        ("unknown", "No effect that the library knows can be believed: it moves"),
+        ("effect", "caused by"),
+    ):
+        assert words in what(report | {"verdict": verdict, "reasons": ["it moves"]})
     alike = report | {"verdict": "ambiguous", "equivalent": [["mass@upper", "inertia@fore + armature@elbow"]]}
     assert "inertia at fore, armature at elbow" in what(alike)
     gap = report["gap"]
