@@ -7,8 +7,8 @@ that other programs take is not counted. Only the batch, which is about all proc
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, get_args
 
 import mujoco
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from nermo_control.controller import Controller
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.types import ControlCommand, TrajectoryMode
+from nermo_description.parameters import TailModel
 from nermo_description.robots import load_robot
 from nermo_sim.batch import processors, run_batch
 from nermo_sim.loop import Loop, constant
@@ -36,10 +37,11 @@ class BenchSettings:
     robot: str = "nermo_lite"
     duration: float = 20.0
     """Simulated time of a measurement [s]."""
+    tail: TailModel = "chain"
 
     def loop(self) -> Loop:
         """A loop that walks already."""
-        loop = Loop.build(load_robot(self.robot), GaitParameters())
+        loop = Loop.build(load_robot(self.robot).with_tail(self.tail), GaitParameters())
         loop.run(constant(WALK), SETTLE, record=False)
         return loop
 
@@ -71,7 +73,13 @@ class _Stopwatch:
 
 
 def bench_loop(settings: BenchSettings) -> dict[str, Any]:
-    """The closed loop against `mj_step` alone: the same model from the same states under the same commands.
+    """The closed loop against `mj_step` alone, with the tail as the settings say and under `tails` with either."""
+    tails = {tail: _closed_and_bare(replace(settings, tail=tail)) for tail in get_args(TailModel)}
+    return {**tails[settings.tail], "tails": tails, "batch": _bench_batch(settings)}
+
+
+def _closed_and_bare(settings: BenchSettings) -> dict[str, float]:
+    """The same model from the same states under the same commands.
 
     The two take turns every quarter of a simulated second, and the median of each counts: so what else the machine
     does meanwhile to caches and clock rate disturbs both alike, and little.
@@ -99,7 +107,6 @@ def bench_loop(settings: BenchSettings) -> dict[str, Any]:
         "fraction": bare_ns / closed_ns,
         "closed_loop_us_per_tick": closed_ns * 1e-3,
         "bare_step_us_per_tick": bare_ns * 1e-3,
-        "batch": _bench_batch(settings),
     }
 
 

@@ -21,6 +21,8 @@ def test_bench_tick_and_loop_measure_what_they_say() -> None:
     loop = bench_loop(settings)
     assert loop["fraction"] == pytest.approx(loop["closed_loop_x_real_time"] / loop["bare_step_x_real_time"])
     assert loop["fraction"] > 0.0
+    assert set(loop["tails"]) == {"chain", "rigid"}
+    assert loop["fraction"] == loop["tails"]["chain"]["fraction"]
     assert loop["batch"]["workers"] >= 1
     assert loop["batch"]["x_real_time"] > 0.0
 

@@ -9,6 +9,8 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -140,6 +142,33 @@ def test_a_mouse_too_heavy_in_front_fails_where_the_thesis_passes() -> None:
     front = [balance.Case("front_left", False)]
     assert balance.table_holds(QUICK, 0.0272, front)
     assert not balance.table_holds(QUICK, 0.045, front)
+
+
+# What a rigid tail changes: the bands within which it may stand in for the chain
+
+
+def with_either_tail(module: ModuleType, case: Any) -> tuple[Any, Any]:
+    chain, rigid = (module.run(Job(case, 0, replace(QUICK, tail=tail))) for tail in ("chain", "rigid"))
+    return chain, rigid
+
+
+@pytest.mark.parametrize("spine", [False, True])
+def test_a_rigid_tail_walks_as_the_chain_does(spine: bool) -> None:
+    chain, rigid = with_either_tail(straight_line, straight_line.Case("trot", 0.8, 0.06, spine, spine))
+    for quantity in ("speed_m_s", "roll_sd_deg", "pitch_sd_deg", "pitch_mean_deg"):
+        assert rigid[quantity] == pytest.approx(chain[quantity], rel=0.02), quantity
+
+
+def test_a_rigid_tail_turns_as_the_chain_does() -> None:
+    chain, rigid = with_either_tail(turning, turning.Case("trot", 0.67, "mix", turning.FULL_LOCK))
+    assert rigid["radius_m"] == pytest.approx(chain["radius_m"], rel=0.05)
+    assert rigid["time_s"] == pytest.approx(chain["time_s"], rel=0.05)
+
+
+def test_a_rigid_tail_stands_as_the_chain_does() -> None:
+    chain, rigid = with_either_tail(balance, balance.Case("rear_left", True))
+    assert rigid["passed"] == chain["passed"]
+    assert rigid["four_feet_forces_n"] == pytest.approx(chain["four_feet_forces_n"], rel=0.03)
 
 
 # The maze

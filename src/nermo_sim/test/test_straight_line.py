@@ -15,10 +15,10 @@ from nermo_sim.experiments import straight_line
 from nermo_sim.experiments.result_log import ResultLog, seed_for
 from nermo_sim.experiments.runs import Job, Progress, Settings, run_cases
 from nermo_sim.experiments.straight_line import STRIDE, Case, cases, measure, theory
-from nermo_sim.loop import Loop
 from nermo_sim.plots import plot_run, plot_speeds
 from nermo_sim.recording import Recording
 from nermo_sim.render import RenderingUnavailableError, save_picture, save_video
+from nermo_sim.twin import Twin
 
 SHORT = Settings(distance=0.15, repeats=1)
 
@@ -106,8 +106,13 @@ def test_a_log_that_was_cut_off_is_read_up_to_the_cut_and_goes_on(tmp_path: Path
 
 
 @pytest.fixture(scope="module")
-def recording() -> Recording:
-    return straight_line.walk(Job(Case("trot", 0.8, STRIDE), 0, SHORT))[0]
+def walked() -> tuple[Recording, Twin]:
+    return straight_line.walk(Job(Case("trot", 0.8, STRIDE), 0, SHORT))
+
+
+@pytest.fixture(scope="module")
+def recording(walked: tuple[Recording, Twin]) -> Recording:
+    return walked[0]
 
 
 def test_measured_speed_is_the_way_over_the_time(recording: Recording) -> None:
@@ -117,20 +122,22 @@ def test_measured_speed_is_the_way_over_the_time(recording: Recording) -> None:
     assert abs(result["lateral_drift_m"]) < 0.03
 
 
-def test_pictures_are_drawn(recording: Recording, loop: Loop, tmp_path: Path) -> None:
+def test_pictures_are_drawn(walked: tuple[Recording, Twin], tmp_path: Path) -> None:
+    recording, twin = walked
     row = {"gait": "trot", "spine": False, "stride_m": 0.06, "speed_m_s": 0.09, "speed_sd_m_s": 0.001}
     rows = [{**row, "frequency_hz": f, "theory_m_s": 0.12 * f, "thesis_m_s": None} for f in (0.5, 0.8)]
     plot_run(recording, tmp_path / "run.png", "a run")
     plot_speeds(rows, tmp_path / "speed.png")
     with contextlib.suppress(RenderingUnavailableError):  # the one way in which a machine without OpenGL says so
-        save_picture(tmp_path / "mouse.png", loop.twin.model, recording.states[-1])
-        save_video(tmp_path / "mouse.mp4", loop.twin.model, recording.part(0.0, 0.2))
+        save_picture(tmp_path / "mouse.png", twin.model, recording.states[-1])
+        save_video(tmp_path / "mouse.mp4", twin.model, recording.part(0.0, 0.2))
         assert (tmp_path / "mouse.mp4").read_bytes()[4:8] == b"ftyp"
         assert (tmp_path / "mouse.png").stat().st_size > 5000
     assert (tmp_path / "run.png").stat().st_size > 5000
     assert (tmp_path / "speed.png").stat().st_size > 5000
 
 
-def test_an_empty_recording_makes_no_video(loop: Loop, recording: Recording, tmp_path: Path) -> None:
+def test_an_empty_recording_makes_no_video(walked: tuple[Recording, Twin], tmp_path: Path) -> None:
+    recording, twin = walked
     with pytest.raises(ValueError, match="empty"):
-        save_video(tmp_path / "mouse.mp4", loop.twin.model, recording.part(2.0, 1.0))
+        save_video(tmp_path / "mouse.mp4", twin.model, recording.part(2.0, 1.0))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import functools
 import math
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -21,9 +20,9 @@ from nermo_control.spine.controller import SpineController
 from nermo_control.types import LegStates, MotionCommand, MotionOutput, Phase, Posture, SpineModes
 from nermo_description.model import build_model
 from nermo_description.parameters import LEGS, RobotParameters
-from nermo_description.robots import load_robot
 from nermo_sim.disturbance import Disturbance, DisturbedRun
 from nermo_sim.experiments.runs import Job, Result, Settings, mean, rounded, spread
+from nermo_sim.models import compiled
 from nermo_sim.recording import Recorder, Recording
 from nermo_sim.twin import Twin
 
@@ -155,16 +154,11 @@ def measure(recording: Recording, case: Case) -> Result:
     }
 
 
-@functools.lru_cache(maxsize=2)
-def _compiled(robot: str) -> tuple[RobotParameters, mujoco.MjModel]:
-    parameters = load_robot(robot)
-    return parameters, build_model(parameters)
-
-
 def run(job: Job[Case]) -> Result:
     """One cell, once."""
-    robot, model = _compiled(job.settings.robot)
-    twin = Twin(robot, model=copy.copy(model))
+    robot = job.settings.mouse
+    model = compiled(robot)
+    twin = Twin(robot, model=model)
     recording = lift(job.case, robot, model, job.settings, DisturbedRun(twin, _gentle(job.settings), job.seed), twin)
     result = measure(recording, job.case)
     if job.repeat == 0:
@@ -229,7 +223,7 @@ def com_interval(settings: Settings, workers: int = 2) -> dict[str, Any]:
 
     Undisturbed. Both ends are found at once, in two processes. None where they do not hold for the robot as it is.
     """
-    robot = load_robot(settings.robot)
+    robot = settings.mouse
     own = robot.masses.front_com[0]
     share = robot.front_mass / robot.masses.total
     facts: dict[str, Any] = {"com_parameter_m": own, "com_resolution_m": COM_RESOLUTION}
@@ -251,7 +245,7 @@ def com_interval(settings: Settings, workers: int = 2) -> dict[str, Any]:
 
 def total_com(robot: RobotParameters) -> float:
     """Place of the whole COM ahead of base_link, in the stand, by (5.34) [m]."""
-    _, model = _compiled(robot.name)
+    model = compiled(robot)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
     mujoco.mj_forward(model, data)
@@ -261,7 +255,7 @@ def total_com(robot: RobotParameters) -> float:
 
 def table_holds(settings: Settings, front_com: float, which: Iterable[Case] | None = None) -> bool:
     """Whether all cells come out as in N with the front COM at this place [m] ahead of base_link."""
-    robot = load_robot(settings.robot)
+    robot = settings.mouse
     _, *rest = robot.masses.front_com
     masses = robot.masses.model_copy(update={"front_com": (front_com, *rest)})
     robot = robot.model_copy(update={"masses": masses})

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
@@ -16,13 +14,13 @@ import numpy as np
 from nermo_control.controller import Controller
 from nermo_control.gait.knowledge_base import GaitParameters, gait_speed
 from nermo_control.types import ControlCommand, Posture
-from nermo_description.model import build_model
-from nermo_description.parameters import RobotParameters
-from nermo_description.robots import load_any_robot, load_robot
+from nermo_description.parameters import RobotParameters, TailModel
+from nermo_description.robots import AnyRobot, ParameterError, load_any_robot
 from nermo_sim.batch import run_batch
 from nermo_sim.disturbance import Disturbance, DisturbedRun
 from nermo_sim.experiments.result_log import ResultLog, fingerprint, seed_for
 from nermo_sim.loop import Loop, constant
+from nermo_sim.models import compiled
 from nermo_sim.twin import Twin
 
 REPEATS = 3
@@ -62,13 +60,31 @@ class Settings:
     quick: bool = False
     disturbance: Disturbance = field(default_factory=Disturbance)
     gait_parameters: GaitParameters = field(default_factory=GaitParameters)
+    tail: TailModel = "rigid"
+    """The chain takes 1.5 times as long, and its results differ by less than runs do (a test has the bands)."""
+    variant: RobotParameters | None = None
+    """A variation of the robot, in place of its file."""
+
+    @property
+    def parameters(self) -> AnyRobot:
+        """Parameters of the robot as it runs. Raises ParameterError."""
+        robot = self.variant or load_any_robot(self.robot)
+        return robot.with_tail(self.tail) if isinstance(robot, RobotParameters) else robot
+
+    @property
+    def mouse(self) -> RobotParameters:
+        """The same, where it must be a mouse. Raises ParameterError."""
+        robot = self.parameters
+        if not isinstance(robot, RobotParameters):
+            raise ParameterError(f"robot {self.robot!r} has pantograph legs; here a mouse is needed")
+        return robot
 
     def digest(self, experiment: str) -> str:
         """Digest of all that the results depend on. The number of repeats is not part of it."""
         return fingerprint(
             {
                 "experiment": experiment,
-                "robot": load_any_robot(self.robot).model_dump(mode="json"),
+                "robot": self.parameters.model_dump(mode="json"),
                 "gait_parameters": self.gait_parameters.model_dump(mode="json"),
                 "distance": self.distance,
                 "quick": self.quick,
@@ -125,17 +141,10 @@ def run_cases(
     return [[log[job.key] for job in jobs if job.case == case] for case in cases]
 
 
-@functools.lru_cache(maxsize=4)
-def _compiled(robot: str, scene: str) -> tuple[RobotParameters, mujoco.MjModel]:
-    parameters = load_robot(robot)
-    return parameters, build_model(parameters, scene)
-
-
 def standing_loop(job: Job[Any], scene: str = "flat") -> tuple[Loop, DisturbedRun]:
-    """The mouse on its feet at the start, and the disturbances that are to come. The model is built once a process."""
-    settings = job.settings
-    robot, model = _compiled(settings.robot, scene)
-    twin = Twin(robot, scene, model=copy.copy(model))
+    """The mouse on its feet at the start, and the disturbances that are to come."""
+    settings, robot = job.settings, job.settings.mouse
+    twin = Twin(robot, scene, model=compiled(robot, scene))
     loop = Loop(twin, Controller(robot, settings.gait_parameters, twin.period_ns))
     run = DisturbedRun(twin, settings.disturbance, job.seed)
     run.begin()

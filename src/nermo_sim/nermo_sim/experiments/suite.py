@@ -9,7 +9,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from nermo_description.robots import load_any_robot
 from nermo_sim.batch import processors
 from nermo_sim.experiments import (
     balance,
@@ -62,7 +61,7 @@ def run_experiment(
     experiment = {**EXPERIMENTS, **FURTHER}[name]
     cases, log_file = experiment.cases(settings.quick), folder / "runs.jsonl"
     results = run_cases(experiment.run, cases, settings, name, log_file, workers, progress)
-    robot = load_any_robot(settings.robot)
+    robot = settings.parameters
     facts: dict[str, Any] = {"rows": experiment.table(cases, settings, robot, results)}
     if name == "balance":
         log = ResultLog(log_file, settings.digest(name))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import functools
 import math
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -14,7 +12,6 @@ import numpy as np
 from nermo_control.controller import Controller
 from nermo_control.gait.knowledge_base import GaitParameters, gait_speed
 from nermo_control.types import ControlCommand, Posture, SpineModes, TrajectoryMode
-from nermo_description.model import build_model
 from nermo_description.parameters import RobotParameters
 from nermo_description.robots import load_robot
 from nermo_sim.disturbance import Disturbance, DisturbedRun
@@ -23,6 +20,7 @@ from nermo_sim.experiments.orientation import orientation_noise
 from nermo_sim.experiments.result_log import fingerprint
 from nermo_sim.experiments.runs import FALLEN, SETTLE
 from nermo_sim.loop import Loop, constant
+from nermo_sim.models import compiled
 from nermo_sim.recording import Recording
 from nermo_sim.twin import Twin
 
@@ -44,11 +42,14 @@ class Walk:
     """Gait cycles that are walked; the first one is not judged."""
     disturbance: Disturbance = field(default_factory=Disturbance)
 
+    @property
+    def mouse(self) -> RobotParameters:
+        """The robot, with the rigid tail that costs least. Raises ParameterError."""
+        return load_robot(self.robot).with_tail("rigid")
+
     def digest(self) -> str:
         """Digest of all that a rollout depends on, but for its parameters and its trial."""
-        return fingerprint(
-            {**asdict(self), "robot": load_robot(self.robot).model_dump(mode="json"), "mujoco": mujoco.__version__}
-        )
+        return fingerprint({**asdict(self), "robot": self.mouse.model_dump(mode="json"), "mujoco": mujoco.__version__})
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +79,8 @@ class Rollout:
 def run(rollout: Rollout) -> Metrics:
     """Walks; a fall or a simulation that runs away is a result."""
     walk = rollout.walk
-    robot, model = _compiled(walk.robot)
-    twin = Twin(robot, model=copy.copy(model))
+    robot = walk.mouse
+    twin = Twin(robot, model=compiled(robot))
     loop = Loop(twin, Controller(robot, rollout.parameters, twin.period_ns))
     kind = Disturbance(**{**asdict(walk.disturbance), "ground": rollout.trial.ground})
     disturbed = DisturbedRun(twin, kind, rollout.trial.seed)
@@ -136,9 +137,3 @@ def _command(walk: Walk, parameters: GaitParameters) -> ControlCommand:
         gait_frequency=walk.frequency_hz,
         spine_modes=SpineModes(stride_extension=walk.spine, offset_compensation=walk.spine),
     )
-
-
-@functools.lru_cache(maxsize=2)
-def _compiled(robot: str) -> tuple[RobotParameters, mujoco.MjModel]:
-    parameters = load_robot(robot)
-    return parameters, build_model(parameters)
