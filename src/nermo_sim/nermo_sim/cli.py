@@ -89,7 +89,7 @@ _COLUMNS = {
     ),
     "ablation": ("off", "speed_m_s", "roll_sd_deg", "pitch_sd_deg", "radius_m", "arc_time_s", "lifts_passed"),
     "comparison": ("quantity", "theory", "twin", "robot", "ours", "ratio"),
-    "summary": ("claim", "thesis", "ours", "ratio", "band", "within"),
+    "summary": ("claim", "kind", "half", "thesis", "ours", "ratio", "band", "within"),
 }
 
 experiment_app = typer.Typer(
@@ -469,10 +469,11 @@ def run_all(
         ("summary", facts["summary"]),
     ):
         print_rows(title, rows, _COLUMNS[title])
-    holding = sum(row["within"] for row in facts["summary"])
     report = write_report(out / "report.html", facts, settings)
     facts = {**facts, "report": report, "wall_s": time.monotonic() - begin}
-    console.print(f"{holding} of {len(facts['summary'])} claims within their bands; report: {report}")
+    for group, count in facts["score"].items():
+        console.print(f"{group}: {count['within']} of {count['of']} claims within their bands")
+    console.print(f"report: {report}")
     _write(json, "all", facts, settings)
 
 

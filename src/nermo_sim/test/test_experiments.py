@@ -7,7 +7,8 @@ import math
 import signal
 import subprocess
 import sys
-from dataclasses import replace
+from collections import Counter
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -23,7 +24,8 @@ from nermo_control.types import ControlCommand, SpineModes, TrajectoryMode
 from nermo_description.model import build_model
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_sim.experiments import balance, gaze, maze, straight_line, turning
-from nermo_sim.experiments.claims import Claims, comparison, summary
+from nermo_sim.experiments.claims import Claims, comparison, score, summary
+from nermo_sim.experiments.claims.halves import CHECKED, FITTED, draw
 from nermo_sim.experiments.losses import TERMS, stride_losses
 from nermo_sim.experiments.orientation import orientation_noise
 from nermo_sim.experiments.result_log import ResultLog
@@ -267,19 +269,64 @@ def test_the_neck_holds_the_cameras_still(robot: RobotParameters) -> None:
 
 def test_claims_know_what_is_within_and_leave_out_what_is_missing() -> None:
     claims = Claims()
-    claims.number("a", 2.0, 2.2, (0.85, 1.15))
-    claims.number("b", 2.0, 2.4, (0.85, 1.15))
-    claims.number("c", 1.22, 1.16, (0.85, 1.15), of_ours=(1.15, 1.30))
-    claims.number("d", 2.0, None, (0.85, 1.15))
-    claims.number("e", 2.0, math.nan, (0.85, 1.15))
-    claims.words("f", lambda: False)
-    claims.words("g", lambda: None < 0)  # type: ignore[operator]
+    topic = claims.about("trot speed")
+    topic.number("a", 2.0, 2.2, (0.85, 1.15))
+    topic.number("b", 2.0, 2.4, (0.85, 1.15))
+    topic.number("c", 1.22, 1.16, (0.85, 1.15), of_ours=(1.15, 1.30))
+    topic.number("d", 2.0, None, (0.85, 1.15))
+    topic.number("e", 2.0, math.nan, (0.85, 1.15))
+    topic.words("f", lambda: False)
+    topic.words("g", lambda: None < 0)  # type: ignore[operator]
     assert [(row["claim"], row["within"]) for row in claims.rows] == [
         ("a", True),
         ("b", False),
         ("c", True),
         ("f", False),
     ]
+
+
+def test_only_what_the_thesis_s_twin_and_robot_claim_is_counted_and_the_halves_apart() -> None:
+    claims = Claims()
+    for topic, kind, holds in (
+        ("trot speed", "twin", True),
+        ("mean pitch", "twin", False),
+        ("speed", "robot", True),
+        ("no-slip speed", "theory", True),
+        ("gaze", "own", True),
+    ):
+        claims.about(topic, kind).words(topic, lambda holds=holds: holds)
+    assert [row["half"] for row in claims.rows] == ["fitted", "checked", None, None, None]
+    counts = {name: (count["within"], count["of"]) for name, count in score(claims.rows).items()}
+    assert counts["headline"] == (2, 3)
+    assert (counts["twin, fitted"], counts["twin, checked"]) == ((1, 1), (0, 1))
+
+
+def test_a_topic_that_was_never_drawn_belongs_to_no_half() -> None:
+    with pytest.raises(ValueError, match="'mood' is in neither half"):
+        Claims().about("mood")
+
+
+def test_the_halves_are_those_that_the_seed_gives() -> None:
+    """Of rows of ones, which have a value for every claim."""
+    noise = {f"{a}_{k}_deg": 1.0 for a in ("roll", "pitch", "yaw") for k in ("mean", "sd", "amplitude")}
+    lost = {f"{name}_m_s": 1.0 for name in ("slip", "pitch", "yaw", "contact", "legs", "reached", "theory")}
+    walked = {"speed_m_s": 1.0, "theory_m_s": 1.0, "losses": lost, "cycles": {"spine": [1, 2, 3], "yaw": [1, 3, 2]}}
+    turned = {"radius_m": 1.0, "time_s": 1.0, "theory_radius_m": 1.0, "followed": True}
+    stood = {"passed": True, "thesis_passed": True, "pitch_deg": 1.0, "ground_impact_s": 1.0}
+    forces = {"four_feet_forces_n": [1.0] * 4, "foot_forces_n": [1.0] * 4}
+    paced = {"finished": True, "time_s": 1.0, "thesis_time_s": 1.0, "speed_m_s": 1.0}
+    facts = {
+        "straight-line": {"rows": [{**asdict(case), **walked, **noise} for case in straight_line.cases()]},
+        "turning": {"rows": [{**asdict(case), **turned} for case in turning.cases()]},
+        "balance": {"rows": [{**asdict(case), **stood, **forces} for case in balance.cases()]},
+        "maze": {"rows": [{"spine": on, **paced, **noise} for on in (False, True)]},
+    }
+    # Speeds that are all alike have no correlation.
+    for number, row in enumerate(facts["straight-line"]["rows"]):
+        row["speed_m_s"] += number
+    topics = Counter(row["topic"] for row in summary(facts) if row["kind"] == "twin")
+    halves = draw(topics)
+    assert (set(halves["fitted"]), set(halves["checked"])) == (FITTED, CHECKED)
 
 
 def test_the_summary_of_the_thesis_s_own_numbers_is_all_within() -> None:
@@ -310,6 +357,7 @@ def test_the_summary_of_the_thesis_s_own_numbers_is_all_within() -> None:
         "balance": {
             "rows": [
                 {"leg": leg, "compensation": on, "passed": passed, "thesis_passed": passed, "pitch_deg": 1.0}
+                | {"ground_impact_s": None}
                 | {"four_feet_forces_n": [0.7] * 4, "foot_forces_n": [1.0, 0.1, 0.0, 1.0]}
                 for (leg, on), passed in balance.THESIS_PASSED.items()
             ],

@@ -24,7 +24,7 @@ from nermo_sim.experiments import (
     turning,
 )
 from nermo_sim.experiments.ablation import ablation
-from nermo_sim.experiments.claims import comparison, summary
+from nermo_sim.experiments.claims import comparison, score, summary
 from nermo_sim.experiments.orientation import AXES
 from nermo_sim.experiments.result_log import ResultLog
 from nermo_sim.experiments.runs import Progress, Settings, run_cases
@@ -103,6 +103,7 @@ def run_all(
     facts["ablation"] = {"rows": ablation(facts)}
     facts["comparison"] = {"rows": comparison(facts)}
     facts["summary"] = summary(facts)
+    facts["score"] = score(facts["summary"])
     return facts
 
 

@@ -40,7 +40,7 @@ def write_report(path: Path, facts: dict[str, Any], settings: Settings) -> Path:
     text = environment.get_template("report.html.j2").render(
         settings=settings,
         summary=facts["summary"],
-        holding=sum(row["within"] for row in facts["summary"]),
+        score=facts["score"],
         comparison=facts["comparison"]["rows"],
         balance=facts["balance"],
         figures=[(title, svg(figure)) for title, figure in drawn if figure is not None],
