@@ -71,6 +71,19 @@ class HighLevelControllerConfig(BaseModel):
         "needs; not used for the straight line",
         json_schema_extra={"unit": "1/(m^2 s)"},
     )
+    steering_window: float = Field(
+        1.0,
+        ge=0.0,
+        le=2.0,
+        description="Gait cycles over which distance and heading are averaged before they steer; 0 takes them as they "
+        "are. Legs steer by shortening strides: against the body's swing within a cycle that is stride lost",
+    )
+    steering_window_spine: float = Field(
+        0.0,
+        ge=0.0,
+        le=2.0,
+        description="The same where the spine alone turns and extends no stride: it steers without a stride lost",
+    )
     path_preview: float = Field(
         0.04,
         ge=0.0,
@@ -103,8 +116,8 @@ class HighLevelController:
     """Obeys the stick (external trajectory mode), holds a straight line or follows a path (internal trajectory mode).
 
     Lines and paths are followed with a point on the shoulder axis, where N takes the turning radius (5.3.2): curvature
-    of the path ahead, less what the distance to it, its integral and the heading ask for, each a mean over a gait
-    cycle, and from the curvature alpha_tr through `TurningModel`.
+    of the path ahead, less what the distance to it, its integral and the heading ask for, and from the curvature
+    alpha_tr through `TurningModel`. Where legs steer, distance and heading are means over a gait cycle.
     """
 
     def __init__(
@@ -218,8 +231,10 @@ class HighLevelController:
                 warnings.append("no usable odometry: the line or path is not held")
             else:
                 assert odometry is not None, "usable odometry exists"
+                by_spine = strategy == "spine" and not wish.spine_modes.stride_extension
+                window = self._config.steering_window_spine if by_spine else self._config.steering_window
                 turn = self._turn_along(
-                    wish.trajectory_mode, elapsed, velocity, frequency, odometry, strategy, warnings
+                    wish.trajectory_mode, elapsed, velocity, window / frequency, odometry, strategy, warnings
                 )
                 if self.path_status in (PathStatus.FINISHED, PathStatus.LOST):
                     posture = Posture.STILL
@@ -307,12 +322,15 @@ class HighLevelController:
         mode: TrajectoryMode,
         elapsed: float,
         velocity: float,
-        frequency: float,
+        window: float,
         odometry: Odometry,
         strategy: TurningStrategy,
         warnings: list[str],
     ) -> float:
-        """alpha_tr that leads along the path, or the line on which the mouse stood when the mode began."""
+        """alpha_tr that leads along the path, or the line on which the mouse stood when the mode began.
+
+        window: time over which distance and heading are averaged [s].
+        """
         pose, config = self.guide_pose(odometry), self._config
         if self._follower is None:
             path = self._path if mode == TrajectoryMode.PATH and self._path is not None else Path.line(pose)
@@ -329,10 +347,7 @@ class HighLevelController:
             )
         # Walking backwards, the same heading leads to the other side.
         along = math.copysign(config.heading_gain, velocity)
-        # A spine that extends the stride swings the body about its way; to steer against that shortens every stride.
-        cross_track, heading = self._mean.step(
-            odometry.stamp, deviation.cross_track, deviation.heading, 1.0 / frequency
-        )
+        cross_track, heading = self._mean.step(odometry.stamp, deviation.cross_track, deviation.heading, window)
         curvature = (
             deviation.curvature
             - config.cross_track_gain * cross_track

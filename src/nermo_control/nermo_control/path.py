@@ -199,15 +199,18 @@ class PathFollower:
 
 
 class CycleMean:
-    """Mean of a pair of numbers over the last gait cycle: what swings with the gait drops out."""
+    """Mean of a pair of numbers over a moving window: what swings with the gait drops out of one of a gait cycle."""
 
     def __init__(self) -> None:
         self._window: deque[tuple[int, float, float]] = deque()
         self._first = self._second = 0.0
 
     def step(self, stamp: int, first: float, second: float, duration: float) -> tuple[float, float]:
-        """Takes the values at `stamp` [ns]; returns the means over the last `duration` [s], less at the beginning."""
-        window, oldest = self._window, stamp - round(duration * 1e9)
+        """Takes the values at `stamp` [ns]; returns the means over the last `duration` [s], less at the beginning.
+
+        With a duration of 0 they are the values themselves.
+        """
+        window, oldest = self._window, stamp - max(1, round(duration * 1e9))
         window.append((stamp, first, second))
         self._first += first
         self._second += second

@@ -93,6 +93,15 @@ def test_what_swings_with_the_gait_drops_out_of_the_mean() -> None:
             assert second == pytest.approx(1e-4 * (tick - 124.5), abs=1e-9)
 
 
+def test_a_mean_over_no_time_is_the_value_itself() -> None:
+    mean = CycleMean()
+    assert [mean.step(tick * PERIOD, float(tick), -1.0, 0.0) for tick in range(3)] == [
+        (0.0, -1.0),
+        (1.0, -1.0),
+        (2.0, -1.0),
+    ]
+
+
 # The high-level controller
 
 

@@ -56,9 +56,9 @@ def _maze(claims: Claims, rows: Sequence[Row]) -> None:
     claims.about("robot's maze", "robot").number(
         "robot: share of time that the spine saves in a (smaller) maze [1]", 0.32, gain, DEVIATIONS
     )
-    for axis, thesis in (("pitch", 1.67), ("roll", 1.34)):
+    for axis, raised in (("pitch", 1.67), ("roll", 1.34)):
         topic, ratio = claims.about(f"maze {axis}"), quotient(spine, plain, f"{axis}_sd_deg")
-        topic.number(f"maze: {axis} deviation with spine over without [1]", thesis, ratio, DEVIATIONS)
+        topic.number(f"maze: {axis} deviation with spine over without [1]", raised, ratio, DEVIATIONS)
         topic.words(f"maze: the spine raises the {axis} deviation", lambda ratio=ratio: ratio > 1.0)  # type: ignore[misc]
 
 

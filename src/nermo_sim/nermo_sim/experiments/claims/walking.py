@@ -109,7 +109,7 @@ def orientation(claims: Claims, rows: Sequence[Row]) -> None:
     )
     claims.about("pitch deviation").words(
         "pitch deviation under 2 deg in all gaits",
-        lambda: max(row["pitch_sd_deg"] for row in rows) < 2.0,
+        lambda: max(row["pitch_sd_deg"] for row in rows) < 2.0 if rows else None,
         ours=round(max((row["pitch_sd_deg"] for row in rows), default=0.0), 2),
     )
     near = (0.5 - PITCH_WITHIN, 0.5 + PITCH_WITHIN)
