@@ -139,6 +139,7 @@ _WORDS = {
         "Measure how fast things are: tick, loop, graph, sensors, serial, link, faults.",
     ),
     "optimize": ("nermo_sim.optimize.cli:optimize_app", "Search for better parameters."),
+    "calibrate": ("nermo_sim.calibrate.cli:calibrate_app", "Fit the physical numbers that the thesis does not print."),
     "sensors": ("nermo_sensors.cli:sensors_app", "Calibrate and judge tactile sensors."),
     "hw": ("nermo_hw.cli:hw_app", "The real robot: look at it, emulate it, test its lines."),
     "gap": ("nermo_gap.cli:gap_app", "Say why robot and twin differ."),

@@ -87,6 +87,11 @@ _COLUMNS = {
         ),
         *("pitch_m_s", "yaw_m_s", "slip_m_s", "contact_m_s", "reached_m_s"),
     ),
+    "springs": (
+        *("gait", "frequency_hz", "stride_m", "spine", "offset_compensation"),
+        *(f"{joint}_yield_{kind}_deg" for joint in ("front_knee", "rear_knee") for kind in ("mean", "p95")),
+        *(f"{joint}_yield_{kind}_deg" for joint in ("front_ankle", "rear_ankle") for kind in ("mean", "p95")),
+    ),
     "ablation": ("off", "speed_m_s", "roll_sd_deg", "pitch_sd_deg", "radius_m", "arc_time_s", "lifts_passed"),
     "comparison": ("quantity", "theory", "twin", "robot", "ours", "ratio"),
     "summary": ("claim", "kind", "half", "thesis", "ours", "ratio", "band", "within"),
@@ -127,6 +132,7 @@ def straight_line(
     """
     settings = _settings(robot, seed, quick, repeats)
     facts = _run("straight-line", settings, out, workers)
+    print_rows("deflection of the springs in loaded stance", facts["rows"], _COLUMNS["springs"])
     pictures = _straight_line_pictures(settings, facts["rows"], out / "straight-line", video)
     _write(json, "straight-line", {**facts, "pictures": pictures}, settings)
     if any(row["fell"] for row in facts["rows"]):

@@ -23,6 +23,7 @@ from nermo_control.path import Path as Way
 from nermo_control.types import ControlCommand, SpineModes, TrajectoryMode
 from nermo_description.model import build_model
 from nermo_description.parameters import LEGS, RobotParameters
+from nermo_sim.calibrate.numbers import variant
 from nermo_sim.experiments import balance, gaze, maze, straight_line, turning
 from nermo_sim.experiments.claims import Claims, comparison, score, summary
 from nermo_sim.experiments.claims.halves import CHECKED, FITTED, draw
@@ -104,6 +105,16 @@ def test_the_losses_account_for_the_whole_speed(robot: RobotParameters) -> None:
     # What (5.32) says, less what the bent hip turns the rear legs off their way: 0.06 m (1 - cos 0.4) for two legs.
     assert losses.spine == pytest.approx(0.0157 - 0.5 * 0.06 * (1.0 - math.cos(0.4)), abs=0.0015)
     assert set(losses.as_speeds(1.6)) == {f"{name}_m_s" for name in ("theory", *TERMS, "reached")}
+
+
+def test_a_soft_ankle_gives_way_and_a_pretensioned_knee_does_not(robot: RobotParameters) -> None:
+    case = straight_line.Case("trot", 0.8, 0.06)
+    soft = variant(robot, {"ankle_stiffness": 0.15, "rear_knee_rest": 2.0})
+    today, softer = (straight_line.run(Job(case, 0, replace(QUICK, variant=each))) for each in (robot, soft))
+    assert today["rear_knee_yield_p95_deg"] < 1.0
+    assert softer["rear_knee_yield_p95_deg"] > 2.0 * today["rear_knee_yield_p95_deg"]
+    assert softer["front_ankle_yield_mean_deg"] > 3.0 * today["front_ankle_yield_mean_deg"]
+    assert softer["front_ankle_yield_mean_deg"] <= softer["front_ankle_yield_p95_deg"]
 
 
 # Real runs, short ones

@@ -18,6 +18,7 @@ from nermo_description.parameters import RobotParameters
 from nermo_sim.experiments.losses import stride_losses
 from nermo_sim.experiments.orientation import mean_cycles, orientation_noise
 from nermo_sim.experiments.runs import FALLEN, Job, Result, Settings, mean, spread, standing_loop
+from nermo_sim.experiments.springs import spring_deflections
 from nermo_sim.loop import constant
 from nermo_sim.recording import Recording
 from nermo_sim.twin import Twin
@@ -143,6 +144,7 @@ def run(job: Job[Case]) -> Result:
     recording, twin = walk(job)
     case, parameters = job.case, job.settings.gait_parameters
     result = measure(recording, case.frequency_hz)
+    result.update(spring_deflections(recording, twin.model, twin.robot))
     if case.stride_m and not result["fell"]:
         losses = stride_losses(recording, twin.model, twin.robot, case.stride_m, 1.0 / case.frequency_hz)
         result["losses"] = losses.as_speeds(case.frequency_hz * parameters.gaits[case.gait].gait_factor)
@@ -160,6 +162,7 @@ def table(cases: Sequence[Case], settings: Settings, robot: RobotParameters, res
 def _row(case: Case, settings: Settings, robot: RobotParameters, runs: list[Result]) -> dict[str, Any]:
     of = functools.partial(mean, runs)
     noise = [name for name in runs[0] if name.startswith(("roll_", "pitch_", "yaw_"))]
+    springs = [name for name in runs[0] if "_yield_" in name]
     losses = [one["losses"] for one in runs if "losses" in one]
     return {
         **asdict(case),
@@ -168,7 +171,7 @@ def _row(case: Case, settings: Settings, robot: RobotParameters, runs: list[Resu
         "speed_sd_m_s": spread(runs, "speed_m_s"),
         "thesis_m_s": THESIS_SPEEDS.get((case.gait, case.frequency_hz, case.stride_m, case.spine)),
         "theory_m_s": theory(case, settings.gait_parameters, robot),
-        **{name: of(name) for name in noise},
+        **{name: of(name) for name in (*noise, *springs)},
         "lateral_drift_m": max((one["lateral_drift_m"] for one in runs), key=abs),
         "heading_error_deg": max((one["heading_error_deg"] for one in runs), key=abs),
         "duration_s": of("duration_s"),

@@ -1,0 +1,161 @@
+"""The calibration: its numbers, what it makes of claims, how well it knows, and how it goes on after a kill."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from nermo_description.parameters import RobotParameters
+from nermo_description.robots import load_robot
+from nermo_sim.calibrate.determined import determined
+from nermo_sim.calibrate.numbers import NUMBERS, differences, values_of, variant
+from nermo_sim.calibrate.search import Candidate, Found
+from nermo_sim.calibrate.trials import WORDS_MISSED, WORST, cost, miss, relevant
+
+FIRST, SECOND = NUMBERS[0].name, NUMBERS[1].name
+
+
+@pytest.mark.parametrize("name", ["nermo_lite", "nermo"])
+def test_the_robots_own_numbers_lie_between_the_bounds_and_are_found_again(name: str) -> None:
+    robot = load_robot(name)
+    own = values_of(robot)
+    for number in NUMBERS:
+        assert number.low <= own[number.name] <= number.high, number.name
+        assert number.value(number.share(own[number.name])) == pytest.approx(own[number.name], rel=1e-5)
+    assert values_of(variant(robot, own)) == own
+
+
+def test_a_number_is_set_at_all_its_places_and_nowhere_else(robot: RobotParameters) -> None:
+    changed = variant(robot, {"ankle_stiffness": 0.3, "front_com": 0.025})
+    assert changed.front_leg_dynamics.ankle.stiffness == changed.rear_leg_dynamics.ankle.stiffness == 0.3
+    assert changed.masses.front_com == (0.025, *robot.masses.front_com[1:])
+    assert changed.front_leg_dynamics.knee == robot.front_leg_dynamics.knee
+
+
+def test_what_was_found_is_a_robot_file_like_any_other(robot: RobotParameters, tmp_path: Path) -> None:
+    values = {number.name: number.value(0.4) for number in NUMBERS}
+    file = tmp_path / "found.yaml"
+    file.write_text(yaml.safe_dump({"name": "found", "base": "nermo_lite", **differences(values, robot)}))
+    assert values_of(load_robot(file)) == pytest.approx(values)
+
+
+def row(claim: str, thesis: float, ours: float, band: tuple[float, float]) -> dict:
+    ratio = ours / thesis
+    return {"claim": claim, "thesis": thesis, "ratio": ratio, "band": list(band), "within": band[0] <= ratio <= band[1]}
+
+
+def test_a_miss_is_one_at_the_edge_of_the_band() -> None:
+    assert miss(row("a", 2.0, 2.0, (0.8, 1.25))) == 0.0
+    assert miss(row("a", 2.0, 2.5, (0.8, 1.25))) == pytest.approx(1.0)
+    assert miss(row("a", 2.0, 1.6, (0.8, 1.25))) == pytest.approx(-1.0)
+    assert miss(row("a", 2.0, 200.0, (0.8, 1.25))) == WORST
+    assert miss(row("pitch", 0.5, -1.0, (-2.0, 4.0))) == pytest.approx(-1.0)  # a band of our value itself
+    words = {"ratio": None, "within": False}
+    assert miss(words) == WORDS_MISSED
+    assert miss({**words, "within": True}) == 0.0
+
+
+def test_a_claim_that_cannot_be_answered_any_more_counts_as_worst() -> None:
+    assert cost({"a": 1.0}, ["a"]) == 1.0
+    assert cost({"a": 1.0}, ["a", "b"]) == (1.0 + WORST**2) / 2.0
+
+
+def found_with(slopes: np.ndarray) -> Found:
+    """A made-up calibration: two claims whose misses are linear in the numbers."""
+    random = np.random.default_rng(1)
+    points = random.random((200, len(NUMBERS)))
+    best = np.full(len(NUMBERS), 0.5)
+    tried = [Candidate(point, dict(zip("ab", slopes @ (point - best), strict=True)), 0.0) for point in (*points, best)]
+    rows = [row(claim, 1.0, 1.0, (0.8, 1.2)) for claim in "ab"]
+    values = {number.name: number.value(0.5) for number in NUMBERS}
+    return Found(values, ["a", "b"], tried[-1], tried[-1], tried, rows, rows)
+
+
+def test_a_number_is_known_as_well_as_the_claims_that_it_moves_say() -> None:
+    slopes = np.zeros((2, len(NUMBERS)))
+    slopes[0, 0] = 20.0
+    rows = {each["name"]: each for each in determined(found_with(slopes))}
+    assert rows[FIRST]["share_of_bounds"] < 0.15  # its claim's band is a tenth of the bounds wide
+    assert rows[FIRST]["moves"] == ["a"]
+    assert rows[SECOND]["share_of_bounds"] > 0.9
+    assert rows[SECOND]["moves"] == rows[SECOND]["confounded_with"] == []
+
+
+def test_two_numbers_that_do_the_same_are_confounded() -> None:
+    slopes = np.zeros((2, len(NUMBERS)))
+    slopes[0, :2] = 20.0
+    rows = {each["name"]: each for each in determined(found_with(slopes))}
+    assert rows[FIRST]["confounded_with"] == [SECOND]
+    assert rows[FIRST]["share_of_bounds"] > 0.5
+
+
+def test_only_cases_that_a_wanted_claim_depends_on_are_kept() -> None:
+    from dataclasses import asdict
+
+    from nermo_sim.experiments.straight_line import Case
+
+    noise = {f"{a}_{k}_deg": 1.0 for a in ("roll", "pitch", "yaw") for k in ("mean", "sd", "amplitude")}
+    cases = [("straight-line", Case("trot", f, 0.06)) for f in (0.67, 0.8)]
+    rows = [
+        {**asdict(case), **noise, "speed_m_s": 0.08, "theory_m_s": 0.09, "losses": None, "cycles": None}
+        for _, case in cases
+    ]
+    facts = {"straight-line": {"rows": rows}, **{name: {"rows": []} for name in ("turning", "balance", "maze")}}
+    assert relevant(cases, facts, ["speed of the trot at 0.8 Hz, no spine [m/s]"]) == cases[1:]
+
+
+KILLED = """
+import json, os, signal, sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from nermo_sim.calibrate import search
+from nermo_sim.calibrate.trials import run
+from nermo_sim.disturbance import NO_DISTURBANCE
+from nermo_sim.experiments.result_log import ResultLog
+from nermo_sim.experiments.runs import Settings
+from nermo_sim.experiments.straight_line import Case
+from nermo_sim.optimize.rollouts import Rollouts
+
+search.cheap_cases = lambda: [("straight-line", Case("trot", 0.8, 0.06))]
+done = 0
+
+def die():
+    global done
+    done += 1
+    if done == int(sys.argv[2]):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+if __name__ == "__main__":
+    settings = Settings(repeats=1, disturbance=NO_DISTURBANCE)
+    with ThreadPoolExecutor(1) as pool:
+        rollouts = Rollouts(run, pool, ResultLog(Path(sys.argv[1]), "trials"), die)
+        budget = search.Budget(design=2, population=2, generations=1, distance=0.3, judged=False)
+        found = search.Calibration(settings, rollouts).run(budget)
+    print(json.dumps([found.values, found.best.cost, found.baseline.cost, rollouts.run_now]))
+"""
+
+
+def test_a_calibration_killed_in_the_middle_goes_on_to_the_same_end(tmp_path: Path) -> None:
+    """SIGKILL for real: what was tried is not tried again, and the end is that of one left in peace."""
+
+    def run(log: str, die_after: int) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-c", KILLED, str(tmp_path / log), str(die_after)]
+        return subprocess.run(command, capture_output=True, text=True, check=False)
+
+    assert run("killed.jsonl", 3).returncode == -signal.SIGKILL
+    before = (tmp_path / "killed.jsonl").read_bytes()
+    resumed, whole = run("killed.jsonl", -1), run("whole.jsonl", -1)
+    assert resumed.returncode == whole.returncode == 0, resumed.stderr + whole.stderr
+    *end, again = json.loads(resumed.stdout)
+    *undisturbed, trials = json.loads(whole.stdout)
+    assert end == undisturbed
+    assert before.count(b"\n") == 3
+    assert again == trials - 3
+    assert end[1] <= end[2]
