@@ -101,6 +101,7 @@ class Calibration:
     def _baseline(self, settings: Settings, start: Array) -> Candidate:
         """Runs all cheap cases once, and finds those which the fitted claims depend on."""
         cases = cheap_cases()
+        self._plan(len(cases))
         facts = self._facts(cases, [settings])[0]
         self._wanted = [row["claim"] for row in claims_of(facts) if row["half"] == "fitted"]
         if not self._wanted:
