@@ -14,6 +14,7 @@ import yaml
 
 from nermo_description.parameters import RobotParameters
 from nermo_description.robots import load_robot
+from nermo_sim.calibrate.cli import before_and_after
 from nermo_sim.calibrate.determined import determined
 from nermo_sim.calibrate.numbers import NUMBERS, differences, values_of, variant
 from nermo_sim.calibrate.search import Candidate, Found
@@ -65,6 +66,16 @@ def test_a_miss_is_one_at_the_edge_of_the_band() -> None:
 def test_a_claim_that_cannot_be_answered_any_more_counts_as_worst() -> None:
     assert cost({"a": 1.0}, ["a"]) == 1.0
     assert cost({"a": 1.0}, ["a", "b"]) == (1.0 + WORST**2) / 2.0
+
+
+def test_a_claim_that_the_found_robot_cannot_answer_counts_as_lost() -> None:
+    kept = {"kind": "twin", "half": "checked"}
+    before = [{**row(name, 1.0, 1.0, (0.8, 1.2)), **kept, "ours": 1.0} for name in "ab"]
+    rows = before_and_after(before, before[:1])
+    assert [(each["claim"], each["within_before"], each["within"]) for each in rows] == [
+        ("a", True, True),
+        ("b", True, False),
+    ]
 
 
 def found_with(slopes: np.ndarray) -> Found:

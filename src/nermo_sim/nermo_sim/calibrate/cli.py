@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,6 +13,7 @@ import yaml
 from nermo_description.results import CommandError, write_results
 from nermo_sim.cli import RESULTS, Json, Quick, Seed, check_robot
 from nermo_sim.console import console, print_rows, progress
+from nermo_sim.experiments.lookup import Row
 
 calibrate_app = typer.Typer(
     rich_markup_mode=None, add_completion=False, help="Fit the physical numbers that the thesis does not print."
@@ -95,9 +97,9 @@ def calibrate(
         + yaml.safe_dump({"name": "calibrated", "base": robot, **differences(found.values, own)}, sort_keys=False),
         encoding="utf-8",
     )
-    before = {row["claim"]: row for row in found.before}
-    claims = [_both(before.get(row["claim"]), row) for row in found.after]
-    scores = {"before": score(found.before), "after": score(found.after)}
+    claims = before_and_after(found.before, found.after)
+    earlier = [{**row, "within": row["within_before"]} for row in claims]
+    scores = {"before": score(earlier), "after": score(claims)}
     counts = [
         {
             "claims": group,
@@ -138,7 +140,13 @@ def calibrate(
         write_results(json, "calibrate", facts, robot=robot, seed=seed)
 
 
-def _both(before: dict[str, Any] | None, after: dict[str, Any]) -> dict[str, Any]:
-    kept = {name: after[name] for name in ("claim", "kind", "half", "thesis", "ours", "within")}
-    earlier = before or {}
-    return {**kept, "ours_before": earlier.get("ours"), "within_before": earlier.get("within")}
+def before_and_after(before: Sequence[Row], after: Sequence[Row]) -> list[Row]:
+    """One row a claim that either robot answers; one that a robot cannot answer (a fall, a lost path) does not hold."""
+    earlier, later = ({row["claim"]: row for row in rows} for rows in (before, after))
+    claims = []
+    for name, row in {**earlier, **later}.items():
+        was, now = ((each.get(name) or {}) for each in (earlier, later))
+        kept = {key: row[key] for key in ("claim", "kind", "half", "thesis")}
+        found = {"ours": now.get("ours"), "within": bool(now.get("within"))}
+        claims.append({**kept, **found, "ours_before": was.get("ours"), "within_before": bool(was.get("within"))})
+    return claims
