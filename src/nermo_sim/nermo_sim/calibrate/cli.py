@@ -66,7 +66,7 @@ def calibrate(
     budget = QUICK if quick else Budget()
     budget = replace(budget, design=design or budget.design, generations=generations or budget.generations)
     folder = out / "calibrate"
-    settings = Settings(robot, repeats=1, seed=seed, disturbance=NO_DISTURBANCE)
+    settings = Settings(robot, repeats=1, seed=seed, disturbance=NO_DISTURBANCE, tail="rigid")
     count = workers or processors()
     console.print(
         f"{budget.design} points and {budget.generations} generations, {count} workers, seed {seed}; in {folder}"
