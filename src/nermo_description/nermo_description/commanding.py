@@ -14,6 +14,10 @@ WALL_CLOCK_FROM = 1_000_000_000 * 10**9
 """[ns] The wall clock passed this in 2001; no simulation runs for 31 years."""
 
 
+class RefusedCommandError(ValueError):
+    """A command that must not reach the robot; says why in words for who sent it."""
+
+
 class Ownership(Generic[Sender]):
     """One sender at a time: the first whose command is usable owns the robot until it has been silent.
 
@@ -38,31 +42,32 @@ class Ownership(Generic[Sender]):
         self._owner, self._heard_at = sender, now
 
 
-def command_time(stamp: int, now: int, window: float) -> int:
+def command_time(stamp: int, now: int, oldest: float, lead: float) -> int:
     """The time [ns] at which a command counts: its stamp, or `now` where it bears none.
 
     Args:
         stamp: [ns]; 0 stands for a command that was not stamped, unless the clock itself has only just begun.
         now: [ns] of the graph's clock.
-        window: How far a stamp may be from now, before or after [s].
+        oldest: Age beyond which a command is stale [s].
+        lead: How far its stamp may be ahead [s].
 
     Raises:
-        ValueError: The stamp is another clock's, too old, or too far ahead; says what to do about it.
+        RefusedCommandError: The stamp is another clock's, too old, or too far ahead; says what to do about it.
     """
-    away = stamp - now
-    if abs(away) <= window * 1e9:
+    if -lead * 1e9 <= now - stamp <= oldest * 1e9:
         return stamp
     if stamp == 0:
         return now
     if stamp >= WALL_CLOCK_FROM > now:
-        raise ValueError(
+        raise RefusedCommandError(
             "its stamp is the wall clock's, but this graph follows a simulation's /clock: start the sender with "
             "--ros-args -p use_sim_time:=true, or leave the stamp 0"
         )
     if stamp < WALL_CLOCK_FROM <= now:
-        raise ValueError(
+        raise RefusedCommandError(
             "its stamp is a simulation's, but this graph follows the wall clock: start the sender with "
             "--ros-args -p use_sim_time:=false, or leave the stamp 0"
         )
-    where = "ahead" if away > 0 else "old"
-    raise ValueError(f"its stamp is {abs(away) * 1e-9:.3f} s {where}, at most {window:g} s are allowed")
+    if stamp > now:
+        raise RefusedCommandError(f"stamp is {(stamp - now) * 1e-9:.3f} s in the future, at most {lead:g} s")
+    raise RefusedCommandError(f"stale: {(now - stamp) * 1e-9:.3f} s old, at most {oldest:g} s")

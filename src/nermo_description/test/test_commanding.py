@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nermo_description.commanding import Ownership, command_time
+from nermo_description.commanding import Ownership, RefusedCommandError, command_time
 
 SECOND = 10**9
 WALL = 1_800_000_000 * SECOND
@@ -45,13 +45,13 @@ def test_two_senders_are_never_mixed(arrivals: list[tuple[str, int]]) -> None:
 
 
 def test_a_stamp_near_now_is_kept_and_a_missing_one_is_now() -> None:
-    assert command_time(SIMULATED - 1, SIMULATED, 0.3) == SIMULATED - 1
-    assert command_time(0, SIMULATED, 0.3) == SIMULATED
-    assert command_time(0, WALL, 0.3) == WALL
+    assert command_time(SIMULATED - 1, SIMULATED, 0.3, 0.1) == SIMULATED - 1
+    assert command_time(0, SIMULATED, 0.3, 0.1) == SIMULATED
+    assert command_time(0, WALL, 0.3, 0.1) == WALL
 
 
 def test_the_first_tick_of_a_clock_that_begins_at_zero_keeps_its_stamp() -> None:
-    assert command_time(0, 5_000_000, 0.3) == 0
+    assert command_time(0, 5_000_000, 0.3, 0.1) == 0
 
 
 @pytest.mark.parametrize(
@@ -59,11 +59,11 @@ def test_the_first_tick_of_a_clock_that_begins_at_zero_keeps_its_stamp() -> None
     [
         (WALL, SIMULATED, r"wall clock's.*/clock.*use_sim_time:=true"),
         (SIMULATED, WALL, r"simulation's.*wall clock.*use_sim_time:=false"),
-        (SIMULATED - SECOND, SIMULATED, r"1\.000 s old, at most 0\.3 s"),
-        (SIMULATED + SECOND, SIMULATED, r"1\.000 s ahead, at most 0\.3 s"),
+        (SIMULATED - SECOND, SIMULATED, r"stale: 1\.000 s old, at most 0\.3 s"),
+        (SIMULATED + SECOND, SIMULATED, r"1\.000 s in the future, at most 0\.1 s"),
         (-SECOND, SIMULATED, r"43\.000 s old"),
     ],
 )
 def test_any_other_stamp_is_refused_with_its_remedy(stamp: int, now: int, says: str) -> None:
-    with pytest.raises(ValueError, match=says):
-        command_time(stamp, now, 0.3)
+    with pytest.raises(RefusedCommandError, match=says):
+        command_time(stamp, now, 0.3, 0.1)

@@ -32,11 +32,12 @@ class CommandInput:
         node: Whose subscriptions these are.
         refuse: Gets a sentence for every message that is refused.
         now: The time [ns] that stamps are compared with.
-        window: How far a stamp may be from it [s]. None leaves all stamps as they are, as lockstep needs.
+        oldest: How far a stamp may be from it [s]. None leaves all stamps as they are: in lockstep they name the tick,
+            and a door behind may judge them itself.
     """
 
-    def __init__(self, node: Node, refuse: Callable[[str], None], now: Callable[[], int], window: float | None) -> None:
-        self._node, self._refuse, self._now, self._window = node, refuse, now, window
+    def __init__(self, node: Node, refuse: Callable[[str], None], now: Callable[[], int], oldest: float | None) -> None:
+        self._node, self._refuse, self._now, self._oldest = node, refuse, now, oldest
         self._ownership: Ownership[bytes] = Ownership()
         self._topics: list[str] = []
         self._names: dict[bytes, str] = {}
@@ -72,9 +73,9 @@ class CommandInput:
                 f"{self._name(sender)} has to wait, {self._name(owner)} commands until it is silent for "
                 f"{OWNER_SILENCE:g} s"
             )
-        if self._window is not None:
-            stamp, now = to_nanoseconds(message.header.stamp), self._now()
-            if (counts := command_time(stamp, now, self._window)) != stamp:
+        if self._oldest is not None:
+            stamp = to_nanoseconds(message.header.stamp)
+            if (counts := command_time(stamp, self._now(), self._oldest, self._oldest)) != stamp:
                 message.header.stamp = to_message(counts)
         take(message)
         self._ownership.heard(sender, arrived)

@@ -25,13 +25,13 @@ NOW = 42 * 10**9
 class Robot:
     """A node that is commanded over two topics, and notes what reaches it."""
 
-    def __init__(self, executor_type: type, window: float | None) -> None:
+    def __init__(self, executor_type: type, oldest: float | None) -> None:
         self.node = Node("robot")
         self.executor = executor_type()
         self.executor.add_node(self.node)
         self.taken: list[tuple[float, int]] = []
         self.refused: list[str] = []
-        self.commands = CommandInput(self.node, self.refused.append, lambda: NOW, window)
+        self.commands = CommandInput(self.node, self.refused.append, lambda: NOW, oldest)
         for topic in ("cmd_vel", "other_vel"):
             self.commands.subscribe(TwistStamped, topic, self._take)
         self._senders: list[Node] = []
@@ -62,7 +62,7 @@ class Robot:
 @pytest.fixture(params=[EventsExecutor, SingleThreadedExecutor])
 def robot(request: pytest.FixtureRequest) -> Iterator[Robot]:
     rclpy.init()
-    made = Robot(request.param, window=0.3)
+    made = Robot(request.param, oldest=0.3)
     yield made
     made.close()
     rclpy.shutdown()
@@ -128,7 +128,7 @@ def test_where_ros_does_not_say_who_sent_several_publishers_are_refused(
 
 def test_lockstep_leaves_stamps_as_they_are() -> None:
     rclpy.init()
-    robot = Robot(EventsExecutor, window=None)
+    robot = Robot(EventsExecutor, oldest=None)
     publisher = robot.sender("controller")
     robot.until(lambda: bool(robot.taken), "it is obeyed", lambda: publisher.publish(command(0.1, stamp=5)))
     assert robot.taken[0] == (0.1, 5)
