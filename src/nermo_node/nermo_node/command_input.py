@@ -18,7 +18,8 @@ from nermo_node.time import to_message, to_nanoseconds
 Take = Callable[[Any], None]
 """Takes a message; raises ValueError where it cannot be used."""
 
-_UNNAMED = b""
+UNNAMED = b""
+"""The sender of a message of which ROS does not say whose it is."""
 
 
 class CommandInput:
@@ -47,11 +48,11 @@ class CommandInput:
 
         def receive(message: Any, info: dict[str, Any]) -> None:
             try:
-                self._receive(message, _sender(info), take)
+                self._receive(message, sender_of(info), take)
             except ValueError as error:
                 self._refuse(f"{topic} refused: {error}")
 
-        subscription = self._node.create_subscription(kind, topic, _WithInfo(receive), profile)
+        subscription = self._node.create_subscription(kind, topic, WithInfo(receive), profile)
         self._topics.append(subscription.topic_name)
 
     def status(self) -> Status:
@@ -64,7 +65,7 @@ class CommandInput:
 
     def _receive(self, message: Any, sender: bytes, take: Take) -> None:
         arrived = time.monotonic_ns()
-        if sender == _UNNAMED:
+        if sender == UNNAMED:
             self._insist_on_one_publisher()
         elif not self._ownership.admits(sender, arrived):
             owner = self._ownership.owner(arrived)
@@ -102,7 +103,7 @@ class CommandInput:
         return self._names.get(sender, "a publisher without a name")
 
 
-class _WithInfo:
+class WithInfo:
     """A subscription's callback that gets the message's origin too.
 
     The events executor of Kilted hands both over as one tuple, against rclpy's own documentation.
@@ -120,6 +121,7 @@ class _WithInfo:
         self._receive(message, info)
 
 
-def _sender(info: dict[str, Any]) -> bytes:
+def sender_of(info: dict[str, Any]) -> bytes:
+    """The middleware's identifier of the publisher of a message; empty where ROS does not hand it over."""
     gid = info.get("publisher_gid")
-    return _UNNAMED if gid is None else bytes(gid["data"])
+    return UNNAMED if gid is None else bytes(gid["data"])

@@ -12,12 +12,14 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool
 
+from nermo_description.emergency_stops import EmergencyStops
 from nermo_description.robots import load_any_robot
 from nermo_description.servo_command import ServoCommandDoor
 from nermo_interfaces.msg import ServoCommand
 from nermo_interfaces.srv import PushRobot, ResetSimulation, StepSimulation
 from nermo_node.command_input import CommandInput
 from nermo_node.diagnostics import ERROR, OK, WARN, Diagnostics, Status
+from nermo_node.emergency_stop_input import EmergencyStopInput
 from nermo_node.parameters import declare
 from nermo_node.run import run
 from nermo_node.time import to_message, to_nanoseconds
@@ -165,6 +167,8 @@ class MujocoSim(Node):
         # The door judges the stamps: in stepped mode an answer may come to a tick that was published twice.
         self._commands = CommandInput(self, self._refuse, lambda: self._twin.time_ns, oldest=None)
         self._commands.subscribe(ServoCommand, "servo_command", self._on_command)
+        self._stops = EmergencyStops()
+        self._stop_input = EmergencyStopInput(self, self._stops, self._obey_stops, self._release)
         self._diagnostics = Diagnostics(
             self,
             hardware_id=f"{self._twin.robot.name} twin",
@@ -269,6 +273,14 @@ class MujocoSim(Node):
                 self._step_if_answered()
             else:
                 self._advance()
+
+    def _obey_stops(self) -> None:
+        self._twin.power(not self._stops.active)
+
+    def _release(self) -> str:
+        left = self._stops.release()
+        self._obey_stops()
+        return left
 
     def _refuse(self, text: str) -> None:
         self._refused += 1
@@ -375,6 +387,9 @@ class MujocoSim(Node):
         }
         if self._twin.diverged is not None:
             return ERROR, str(self._twin.diverged), values
+        if self._stops.active:
+            self._stop_input.forget_the_gone()
+            return ERROR, f"limp: emergency_stop ({self._stops})", values
         if self._refused > self._refused_before:
             self._refused_before = self._refused
             return WARN, self._last_refusal, values
