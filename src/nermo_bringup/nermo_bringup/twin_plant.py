@@ -33,18 +33,13 @@ class TwinPlant:
         self._twin = Twin(robot, scene, period_ns=round(STEP * 1e9))
         self._twin.reset("crouch")
         self._feet = TactileFeet(tactile_of_robot(robot.name))
-        self._actuators = self._twin.layout.actuators
-        self._torque_range = self._twin.model.actuator_forcerange[self._actuators].copy()
-        self._energised: NDArray[np.bool_] = np.ones(len(self._actuators), dtype=bool)
+        self._energised: NDArray[np.bool_] = np.ones(len(self._twin.layout.actuators), dtype=bool)
         self._felt_at = self._twin.time_ns
 
     def step(self, targets: Array, energised: NDArray[np.bool_]) -> None:
         """As `Plant` says: a servo without power has no torque, but the friction of its gears."""
-        if (energised != self._energised).any():
-            self._energised = energised.copy()
-            self._twin.model.actuator_forcerange[self._actuators] = np.where(
-                energised[:, None], self._torque_range, 0.0
-            )
+        self._energised = energised.copy()
+        self._twin.power(energised)
         here = self._twin.data.sensordata[self._twin.layout.servo_position]
         self._twin.step(np.where(energised, targets, here).tolist())
         self._steps += 1

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from nermo_description.commanding import RefusedCommandError, command_time
 
-class RefusedCommandError(ValueError):
-    """A servo command that must not reach the servos."""
+__all__ = ["RefusedCommandError", "ServoCommandDoor"]
 
 
 class ServoCommandDoor:
@@ -20,13 +20,14 @@ class ServoCommandDoor:
     def __init__(self, servos: Sequence[str], oldest: float, lead: float = 0.0) -> None:
         self._servos = tuple(servos)
         self._known = frozenset(servos)
-        self._oldest_ns, self._lead_ns = round(oldest * 1e9), round(lead * 1e9)
+        self._oldest, self._lead = oldest, lead
         self._last_stamp: int | None = None
 
     def open(self, stamp: int, names: Sequence[str], positions: Sequence[float], now: int) -> list[float]:
         """Servo positions [rad] in the robot's order.
 
-        stamp and now [ns] are on the same clock. Raises RefusedCommandError, which says why.
+        stamp and now [ns] are on the same clock; a stamp of 0 counts as now.
+        Raises RefusedCommandError, which says why.
         """
         if len(names) != len(positions):
             raise RefusedCommandError(f"{len(names)} names but {len(positions)} positions")
@@ -38,10 +39,7 @@ class ServoCommandDoor:
             # Finite numbers can have a sum that is not.
             name = next((name for name in names if not math.isfinite(by_name[name])), self._servos[0])
             raise RefusedCommandError(f"position of {name} is {by_name[name]}: must be finite")
-        if stamp > now + self._lead_ns:
-            raise RefusedCommandError(f"stamp is {(stamp - now) * 1e-9:.3f} s in the future")
-        if now - stamp > self._oldest_ns:
-            raise RefusedCommandError(f"stale: {(now - stamp) * 1e-9:.3f} s old, at most {self._oldest_ns * 1e-9} s")
+        stamp = command_time(stamp, now, self._oldest, self._lead)
         if self._last_stamp is not None and stamp <= self._last_stamp:
             word = "repeated" if stamp == self._last_stamp else "out of order"
             raise RefusedCommandError(

@@ -53,3 +53,14 @@ def test_each_stamp_opens_once_and_only_forwards(door: ServoCommandDoor) -> None
         door.open(NOW, SERVOS, [0.0] * 3, NOW)
     with pytest.raises(RefusedCommandError, match="out of order"):
         door.open(NOW - 1, SERVOS, [0.0] * 3, NOW)
+
+
+def test_a_command_without_a_stamp_counts_as_now(door: ServoCommandDoor) -> None:
+    assert door.open(0, SERVOS, [0.1] * 3, NOW) == [0.1] * 3
+    with pytest.raises(RefusedCommandError, match="repeated"):
+        door.open(NOW, SERVOS, [0.0] * 3, NOW)
+
+
+def test_another_clock_is_named(door: ServoCommandDoor) -> None:
+    with pytest.raises(RefusedCommandError, match="use_sim_time:=true"):
+        door.open(1_800_000_000 * 10**9, SERVOS, [0.0] * 3, NOW)

@@ -13,6 +13,9 @@ EVENT = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Parameters, for both sides: who comes late gets the last one."""
 
+STATE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""States of several publishers, for the subscriber: as LATCHED, but none of a burst is passed over."""
+
 SENSOR = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 """Sensor data, for the publisher: reliable, so that whoever needs every sample can have it."""
 

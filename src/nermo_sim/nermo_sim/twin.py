@@ -45,6 +45,7 @@ class CommandState(StrEnum):
     FOLLOWING = "following commands"
     HOLDING = "holding the last posture"
     CROUCHING = "crouching"
+    LIMP = "nothing: no power"
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +119,8 @@ class Twin(Generic[RobotType]):
         self._deviations = None if noise is None else noise.deviations(self.layout, self.model.nsensordata)
         self._random = np.random.default_rng(seed)
         self._friction = self.model.geom_friction.copy()
+        self._torque_range = self.model.actuator_forcerange[self.layout.actuators].copy()
+        self._powered = np.ones(len(self.layout.servos), dtype=bool)
         path = CommandPath(robot, self.layout.servos, period_ns * 1e-9)
         self._path = None if path.neutral else path
         self._history = StateHistory(self.model, max(1, round(1e9 / period_ns)))
@@ -157,8 +160,25 @@ class Twin(Generic[RobotType]):
         """What the servos follow now."""
         return self._state
 
+    def power(self, powered: NDArray[np.bool_] | bool) -> None:
+        """Gives servos power or takes it, shape (n,) in the order of the robot's servos, or all alike.
+
+        A servo without power has no torque, but the friction of its gears. While none has any, commands are passed
+        over; when it comes back the robot stays as it lies until it is commanded anew.
+        """
+        powered = np.broadcast_to(powered, self._powered.shape)
+        if (powered == self._powered).all():
+            return
+        self._powered = powered.copy()
+        actuators = self.layout.actuators
+        self.model.actuator_forcerange[actuators] = np.where(powered[:, None], self._torque_range, 0.0)
+        if not powered.any():
+            self._state = CommandState.LIMP
+        elif self._state is CommandState.LIMP:
+            self._state = CommandState.WAITING
+
     def reset(self, keyframe: str = "stand") -> SensorData:
-        """Puts the robot into a keyframe, at rest, at the origin. Time goes on.
+        """Puts the robot into a keyframe, at rest, at the origin. Time goes on; who has no power gets none.
 
         Raises ValueError for an unknown keyframe.
         """
@@ -173,7 +193,7 @@ class Twin(Generic[RobotType]):
         if self._path is not None:
             self._path.clear()
         self.diverged = None
-        self._state = CommandState.WAITING
+        self._state = CommandState.WAITING if self._powered.any() else CommandState.LIMP
         self._silent_ns = 0
         self._goal[:] = self._control
         self._move_ns: int | None = None
@@ -191,6 +211,10 @@ class Twin(Generic[RobotType]):
         if self.diverged is not None:
             raise self.diverged
         if servo_positions is not None:
+            self._check(servo_positions)
+        if self._state is CommandState.LIMP:
+            self._lie()
+        elif servo_positions is not None:
             self._command(servo_positions)
         else:
             self._be_silent()
@@ -294,11 +318,18 @@ class Twin(Generic[RobotType]):
 
     # One tick's parts
 
-    def _command(self, servo_positions: Sequence[float]) -> None:
+    def _check(self, servo_positions: Sequence[float]) -> None:
         if len(servo_positions) != len(self.layout.servos):
             raise ValueError(f"{len(servo_positions)} servo positions: there are {len(self.layout.servos)} servos")
         if not math.isfinite(sum(servo_positions)):
             raise ValueError(f"servo positions = {list(servo_positions)}: must be finite")
+
+    def _lie(self) -> None:
+        """Without power the targets go where the servos are, so that nothing jumps when it comes back."""
+        self._goal[self.layout.actuators] = self._sensordata[self.layout.servo_position]
+        self._move_ns = None
+
+    def _command(self, servo_positions: Sequence[float]) -> None:
         self._goal[self.layout.actuators] = servo_positions
         self._silent_ns = 0
         if self._state is not CommandState.FOLLOWING:

@@ -268,3 +268,27 @@ def test_period_must_fit_the_physics(robot: RobotParameters, compiled: mujoco.Mj
 def test_model_without_the_agreed_names_is_refused(robot: RobotParameters) -> None:
     with pytest.raises(ModelError, match="no actuator named 'front_left_hip'"):
         Twin(robot, model=mujoco.MjModel.from_xml_string("<mujoco/>"))
+
+
+def test_without_power_its_springs_have_it_until_power_and_a_command_come_back(twin: Twin) -> None:
+    command = held(twin)
+    run(twin, 0.5, command)
+    standing = twin.base_state().position[2]
+    twin.power(False)
+    run(twin, 1.0, command)
+    assert twin.command_state is CommandState.LIMP
+    assert twin.base_state().position[2] > 1.2 * standing
+    assert twin.sensors().servo_torques == pytest.approx([0.0] * len(command))
+    twin.power(True)
+    lying = held(twin)
+    run(twin, 1.5)
+    assert twin.command_state is CommandState.WAITING
+    assert held(twin) == lying
+    run(twin, 1.5, command)
+    assert twin.base_state().position[2] == pytest.approx(standing, rel=0.1)
+
+
+def test_a_reset_gives_no_power(twin: Twin) -> None:
+    twin.power(False)
+    twin.reset()
+    assert twin.command_state is CommandState.LIMP

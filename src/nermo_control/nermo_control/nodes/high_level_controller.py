@@ -19,6 +19,7 @@ from nermo_control.nodes.robot import RobotChoice
 from nermo_control.types import ControlCommand, Odometry
 from nermo_interfaces import msg
 from nermo_node import qos, run
+from nermo_node.command_input import CommandInput
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import OK, WARN, Diagnostics, Status
 from nermo_node.parameters import declare
@@ -39,6 +40,7 @@ class HighLevelControllerNode(Node):
         self._robot = parameters.load()
         self._controller: HighLevelController | None = None
         self._command: ControlCommand | None = None
+        self._stamp: int | None = None
         self._refused = Complaints(self, "refused")
         self._clipped = Complaints(self, "clipped")
         self._tick = TickSynchronizer(("odometry", "command"), self._on_tick)
@@ -46,14 +48,25 @@ class HighLevelControllerNode(Node):
 
         self._motion_commands = self.create_publisher(msg.MotionCommand, "motion_command", qos.COMMAND)
         GaitParametersInput(self, self._refused, self._on_gait_parameters)
-        self.create_subscription(msg.ControlCommand, "control_command", self._on_control_command, qos.COMMAND)
-        self.create_subscription(TwistStamped, "cmd_vel", self._on_cmd_vel, qos.COMMAND)
+        self._commands = CommandInput(
+            self,
+            lambda text: self._refused.add([text]),
+            self._time,
+            oldest=None if parameters.lockstep else parameters.command_timeout,
+        )
+        self._commands.subscribe(msg.ControlCommand, "control_command", self._on_control_command)
+        self._commands.subscribe(TwistStamped, "cmd_vel", self._on_cmd_vel)
         self.create_subscription(OdometryMessage, "odom", self._on_odometry, qos.sensor_input(parameters.lockstep))
         self.create_subscription(PathMessage, "path", self._on_path, qos.COMMAND)
         Diagnostics(
             self,
             self._robot.name,
-            {"state": self._state, "messages": self._refused.status, "commands": self._clipped.status},
+            {
+                "state": self._state,
+                "owner": self._commands.status,
+                "messages": self._refused.status,
+                "commands": self._clipped.status,
+            },
         )
 
     # Parameters
@@ -71,11 +84,12 @@ class HighLevelControllerNode(Node):
 
     # Inputs
 
+    def _time(self) -> int:
+        """The time of the last tick [ns], which commands are compared with; before the first, the node's clock."""
+        return int(self.get_clock().now().nanoseconds) if self._stamp is None else self._stamp
+
     def _on_control_command(self, message: msg.ControlCommand) -> None:
-        try:
-            self._take(conversions.control_command_from_message(message))
-        except ValueError as error:
-            self._refused.add([f"control_command refused: {error}"])
+        self._take(conversions.control_command_from_message(message))
 
     def _on_cmd_vel(self, message: TwistStamped) -> None:
         self._take(conversions.control_command_from_twist(message))
@@ -87,6 +101,7 @@ class HighLevelControllerNode(Node):
 
     def _on_odometry(self, message: OdometryMessage) -> None:
         odometry = conversions.odometry_from_message(message)
+        self._stamp = odometry.stamp
         if self._lockstep:
             self._tick.add("odometry", odometry.stamp, odometry)
         else:

@@ -20,6 +20,7 @@ from nermo_control.nodes.robot import RobotChoice
 from nermo_control.types import Imu, LegLoads, MotionCommand, MotionOutput
 from nermo_interfaces import msg
 from nermo_node import qos, run
+from nermo_node.command_input import CommandInput
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import OK, WARN, Diagnostics, Status, Ticks
 from nermo_node.parameters import declare
@@ -53,6 +54,7 @@ class MotionModuleNode(Node):
         self._servos = conversions.ServoArrays(self._robot)
         self._module: MotionModule | None = None
         self._command: MotionCommand | None = None
+        self._stamp: int | None = None
         self._imu: Imu | None = None
         self._loads: LegLoads | None = None
         self._lockstep = parameters.lockstep
@@ -70,7 +72,13 @@ class MotionModuleNode(Node):
         self._leg_states = self.create_publisher(msg.LegStates, "leg_states", qos.EVENT)
         GaitParametersInput(self, self._refused, self._on_gait_parameters, self._on_knowledge_base_alive)
         self.create_subscription(msg.FootTrajectories, "foot_trajectories", self._on_foot_trajectories, qos.EVENT)
-        self.create_subscription(msg.MotionCommand, "motion_command", self._on_motion_command, qos.COMMAND)
+        self._commands = CommandInput(
+            self,
+            lambda text: self._refused.add([text]),
+            self._time,
+            oldest=None if parameters.lockstep else parameters.silence_timeout,
+        )
+        self._commands.subscribe(msg.MotionCommand, "motion_command", self._on_motion_command)
         self.create_subscription(
             msg.ServoStates, "servo_states", self._on_servo_states, qos.sensor_input(parameters.lockstep)
         )
@@ -80,10 +88,19 @@ class MotionModuleNode(Node):
         Diagnostics(
             self,
             self._robot.name,
-            {"state": self._state, "messages": self._refused.status, "limits": self._clamped.status},
+            {
+                "state": self._state,
+                "owner": self._commands.status,
+                "messages": self._refused.status,
+                "limits": self._clamped.status,
+            },
         )
 
     # Inputs
+
+    def _time(self) -> int:
+        """The time of the last tick [ns], which commands are compared with; before the first, the node's clock."""
+        return int(self.get_clock().now().nanoseconds) if self._stamp is None else self._stamp
 
     def _on_parameters(self, parameters: MotionModuleParameters) -> None:
         self._settings = parameters
@@ -130,11 +147,7 @@ class MotionModuleNode(Node):
             self._step_if_ready()
 
     def _on_motion_command(self, message: msg.MotionCommand) -> None:
-        try:
-            self._command = command = conversions.motion_command_from_message(message)
-        except ValueError as error:
-            self._refused.add([f"motion_command refused: {error}"])
-            return
+        self._command = command = conversions.motion_command_from_message(message)
         if self._lockstep:
             self._tick.add("command", command.stamp, command)
 
@@ -144,7 +157,7 @@ class MotionModuleNode(Node):
         except ValueError as error:
             self._refused.add([f"servo_states refused: {error}"])
             return
-        stamp = to_nanoseconds(message.header.stamp)
+        self._stamp = stamp = to_nanoseconds(message.header.stamp)
         if self._lockstep:
             self._tick.add("servos", stamp, positions)
         else:

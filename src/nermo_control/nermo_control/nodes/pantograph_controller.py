@@ -18,6 +18,7 @@ from nermo_description.pantograph import PantographParameters
 from nermo_description.robots import ParameterError, load_any_robot
 from nermo_interfaces import msg
 from nermo_node import qos
+from nermo_node.command_input import CommandInput
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import OK, WARN, Diagnostics, Status, Ticks
 from nermo_node.parameters import blame, declare
@@ -67,6 +68,7 @@ class PantographControllerNode(Node):
         self._servos = conversions.ServoArrays(robot)
         self._motion = PantographMotion(robot, saved, round(1e9 / parameters.control_rate), parameters)
         self._command: ControlCommand | None = None
+        self._stamp: int | None = None
         self._loads: LegLoads | None = None
         self._ticks = Ticks()
         self._walking = False
@@ -74,7 +76,13 @@ class PantographControllerNode(Node):
         self._clamped = Complaints(self, "clamped")
         self._servo_commands = self.create_publisher(msg.ServoCommand, "servo_command", qos.COMMAND)
         self._leg_states = self.create_publisher(msg.LegStates, "leg_states", qos.EVENT)
-        self.create_subscription(msg.ControlCommand, "control_command", self._on_control_command, qos.COMMAND)
+        self._commands = CommandInput(
+            self,
+            lambda text: self._refused.add([text]),
+            self._time,
+            oldest=None if parameters.lockstep else parameters.silence_timeout,
+        )
+        self._commands.subscribe(msg.ControlCommand, "control_command", self._on_control_command)
         if parameters.coordination == "tegotae":
             self.create_subscription(msg.LegLoads, "leg_loads", self._on_leg_loads, qos.BEST_EFFORT)
         self.create_subscription(
@@ -83,14 +91,20 @@ class PantographControllerNode(Node):
         Diagnostics(
             self,
             robot.name,
-            {"state": self._state, "messages": self._refused.status, "limits": self._clamped.status},
+            {
+                "state": self._state,
+                "owner": self._commands.status,
+                "messages": self._refused.status,
+                "limits": self._clamped.status,
+            },
         )
 
+    def _time(self) -> int:
+        """The time of the last tick [ns], which commands are compared with; before the first, the node's clock."""
+        return int(self.get_clock().now().nanoseconds) if self._stamp is None else self._stamp
+
     def _on_control_command(self, message: msg.ControlCommand) -> None:
-        try:
-            self._command = conversions.control_command_from_message(message)
-        except ValueError as error:
-            self._refused.add([f"control_command refused: {error}"])
+        self._command = conversions.control_command_from_message(message)
 
     def _on_leg_loads(self, message: msg.LegLoads) -> None:
         try:
@@ -104,7 +118,7 @@ class PantographControllerNode(Node):
         except ValueError as error:
             self._refused.add([f"servo_states refused: {error}"])
             return
-        stamp = to_nanoseconds(message.header.stamp)
+        self._stamp = stamp = to_nanoseconds(message.header.stamp)
         output = self._motion.step(stamp, self._command, positions, self._loads)
         self._servo_commands.publish(self._servos.command(stamp, output.servo_positions))
         self._leg_states.publish(conversions.leg_states_to_message(output.leg_states))

@@ -12,12 +12,14 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool
 
+from nermo_description.emergency_stops import EmergencyStops
 from nermo_description.robots import load_any_robot
-from nermo_description.servo_command import RefusedCommandError, ServoCommandDoor
+from nermo_description.servo_command import ServoCommandDoor
 from nermo_interfaces.msg import ServoCommand
 from nermo_interfaces.srv import PushRobot, ResetSimulation, StepSimulation
-from nermo_node import qos
+from nermo_node.command_input import CommandInput
 from nermo_node.diagnostics import ERROR, OK, WARN, Diagnostics, Status
+from nermo_node.emergency_stop_input import EmergencyStopInput
 from nermo_node.parameters import declare
 from nermo_node.run import run
 from nermo_node.time import to_message, to_nanoseconds
@@ -162,11 +164,16 @@ class MujocoSim(Node):
         self._rate_from = (time.monotonic_ns(), self._twin.time_ns)
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._views = open_views(self, self._twin, parameters.viewer, parameters.camera_rate, parameters.frame_prefix)
+        # The door judges the stamps: in stepped mode an answer may come to a tick that was published twice.
+        self._commands = CommandInput(self, self._refuse, lambda: self._twin.time_ns, oldest=None)
+        self._commands.subscribe(ServoCommand, "servo_command", self._on_command)
+        self._stops = EmergencyStops()
+        self._stop_input = EmergencyStopInput(self, self._stops, self._obey_stops, self._release)
         self._diagnostics = Diagnostics(
-            self, hardware_id=f"{self._twin.robot.name} twin", parts={"twin": self._diagnose}
+            self,
+            hardware_id=f"{self._twin.robot.name} twin",
+            parts={"twin": self._diagnose, "owner": self._commands.status},
         )
-
-        self.create_subscription(ServoCommand, "servo_command", self._on_command, qos.COMMAND)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(StepSimulation, "~/step", self._on_step)
         self.create_service(ResetSimulation, "~/reset", self._on_reset)
@@ -257,15 +264,7 @@ class MujocoSim(Node):
         arrived, stamp = time.monotonic_ns(), to_nanoseconds(message.header.stamp)
         if self._settings.stepped and stamp < self._twin.time_ns and stamp in self._published_at:
             return  # the answer to a tick that was published twice
-        try:
-            self._pending = self._door.open(stamp, message.name, message.position, self._twin.time_ns)
-        except RefusedCommandError as error:
-            self._refused += 1
-            self._last_refusal = str(error)
-            self.get_logger().warning(
-                f"servo command refused: {error}", throttle_duration_sec=1.0, throttle_time_source_type=self._wall
-            )
-            return
+        self._pending = self._door.open(stamp, message.name, message.position, self._twin.time_ns)
         self._say_beyond(self._pending)
         if stamp in self._published_at:
             self._age.add(arrived - self._published_at[stamp])
@@ -274,6 +273,19 @@ class MujocoSim(Node):
                 self._step_if_answered()
             else:
                 self._advance()
+
+    def _obey_stops(self) -> None:
+        self._twin.power(not self._stops.active)
+
+    def _release(self) -> str:
+        left = self._stops.release()
+        self._obey_stops()
+        return left
+
+    def _refuse(self, text: str) -> None:
+        self._refused += 1
+        self._last_refusal = text
+        self.get_logger().warning(text, throttle_duration_sec=1.0, throttle_time_source_type=self._wall)
 
     def _say_beyond(self, positions: list[float]) -> None:
         """MuJoCo holds each servo to its range; whoever asked for more is told."""
@@ -375,9 +387,12 @@ class MujocoSim(Node):
         }
         if self._twin.diverged is not None:
             return ERROR, str(self._twin.diverged), values
+        if self._stops.active:
+            self._stop_input.forget_the_gone()
+            return ERROR, f"limp: emergency_stop ({self._stops})", values
         if self._refused > self._refused_before:
             self._refused_before = self._refused
-            return WARN, f"servo command refused: {self._last_refusal}", values
+            return WARN, self._last_refusal, values
         if self._paused:
             return OK, "paused", values
         if wanted > 0.0 and not self._settings.stepped and factor < 0.9 * wanted:
