@@ -117,7 +117,7 @@ def test_a_command_without_a_stamp_counts_as_now(robot: Robot) -> None:
 def test_where_ros_does_not_say_who_sent_several_publishers_are_refused(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(command_input, "_sender", lambda info: b"")
+    monkeypatch.setattr(command_input, "sender_of", lambda info: b"")
     first = robot.sender("keyboard")
     robot.until(lambda: bool(robot.taken), "one alone is obeyed", lambda: first.publish(command(0.1)))
     second = robot.sender("pad", "other_vel")

@@ -1,4 +1,4 @@
-"""Emergency stops at the twin's node, over real DDS: publishers are sources of their own, and only a release ends it."""
+"""Emergency stops at the twin's node, over real DDS: each publisher is a source, and only a release ends a stop."""
 
 from __future__ import annotations
 
