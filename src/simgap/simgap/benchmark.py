@@ -1,7 +1,7 @@
-"""Development cases, diagnosed in this process: ``python -m nermo_gap.benchmark.run --cases 24 --out cases.jsonl``.
+"""Development cases, diagnosed in this process: ``python -m simgap.benchmark --cases 24 --out cases.jsonl``.
 
 The cases are those of the blind check with seeds of their own, and nothing is sealed: they are for looking at. Rates
-for the record come from ``nermo gap blind`` with a seed that nobody has developed on.
+for the record come from ``simgap blind`` with a seed that nobody has developed on.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from typing import Annotated, Any
 import mujoco
 import typer
 
-from nermo_gap.blind.cases import SMALL, Case, draw, robot_of
-from nermo_gap.blind.recordings import realise
-from nermo_gap.blind.score import judged, metrics
-from nermo_gap.core.diagnose import Options, diagnose
-from nermo_gap.core.mapping import parse_map
-from nermo_gap.core.plant import build_plant
-from nermo_gap.core.recording import recording_from_table
+from simgap.analysis.diagnose import Options, diagnose
+from simgap.blind.cases import SMALL, Case, draw, robot_of
+from simgap.blind.recordings import realise
+from simgap.blind.score import judged, metrics
+from simgap.data.mapping import parse_map
+from simgap.data.plant import build_plant
+from simgap.data.recording import recording_from_table
 
 
 def run_case(

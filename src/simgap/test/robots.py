@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.blind.robots import ARM, CART_POLE, LEG, MAPS, MODELS, PENDULUM, commands
-from nermo_gap.core.align import Aligned, align
-from nermo_gap.core.mapping import parse_map
-from nermo_gap.core.noise import noise_floor
-from nermo_gap.core.plant import Plant, build_plant
-from nermo_gap.core.recording import recording_from_table
+from simgap.blind.robots import ARM, CART_POLE, LEG, MAPS, MODELS, PENDULUM, commands
+from simgap.data.align import Aligned, align
+from simgap.data.mapping import parse_map
+from simgap.data.noise_floor import noise_floor
+from simgap.data.plant import Plant, build_plant
+from simgap.data.recording import recording_from_table
 
 Array = NDArray[np.float64]
 

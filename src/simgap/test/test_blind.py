@@ -18,17 +18,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from nermo_gap.blind.cases import SMALL, Case, draw, robot_of
-from nermo_gap.blind.faults import FAULTS, UNKNOWN, Fault, Scale
-from nermo_gap.blind.make import BlindError, make
-from nermo_gap.blind.recordings import simulate, told
-from nermo_gap.blind.run import experiment_file, read_results, run
-from nermo_gap.blind.score import confusion, judged, metrics, rate, score
-from nermo_gap.blind.settle import settle
-from nermo_gap.blind.sites import sites
-from nermo_gap.blind.truth import PERIOD, Link, Run, Soft, Truth, build, record
-from nermo_gap.core.isolability import angle_matrix
-from nermo_gap.core.library import effect_classes
+from simgap.analysis.isolability import angle_matrix
+from simgap.blind.cases import SMALL, Case, draw, robot_of
+from simgap.blind.faults import FAULTS, UNKNOWN, Fault, Scale
+from simgap.blind.make import BlindError, make
+from simgap.blind.recordings import simulate, told
+from simgap.blind.run import experiment_file, read_results, run
+from simgap.blind.score import confusion, judged, metrics, rate, score
+from simgap.blind.settle import settle
+from simgap.blind.sites import sites
+from simgap.blind.truth import PERIOD, Link, Run, Soft, Truth, build, record
+from simgap.effects.library import effect_classes
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ SMALL_CHECK = 34
 
 def test_the_truth_shares_no_code_with_the_library() -> None:
     code = (
-        "import sys, nermo_gap.blind.cases, nermo_gap.blind.make\n"
+        "import sys, simgap.blind.cases, simgap.blind.make\n"
         "print([m for m in sys.modules if m.startswith('nermo_gap.core') or m == 'rclpy'])"
     )
     path = os.pathsep.join(p for p in sys.path if p)
@@ -211,7 +211,7 @@ def test_an_interrupted_run_ends_at_once_and_keeps_what_is_done(tmp_path: Path) 
     folder, answers, out = tmp_path / "check", tmp_path / "sealed", tmp_path / "results"
     make(folder, answers, 6, seed=SMALL_CHECK, robots=("pendulum",), seconds=6.0, workers=2)
     # A shell starts what runs in the background deaf to SIGINT, this test perhaps with it.
-    command = ["env", "--default-signal=INT", sys.executable, "-m", "nermo_gap.blind"]
+    command = ["env", "--default-signal=INT", sys.executable, "-m", "simgap.blind"]
     command += ["diagnose", folder, "--out", out, "--workers", "1"]
     running = subprocess.Popen([str(word) for word in command], start_new_session=True)
     while not read_results(out):

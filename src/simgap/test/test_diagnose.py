@@ -15,20 +15,20 @@ from numpy.typing import NDArray
 from robots import MAPS, PENDULUM, aligned_of, plant_of, simulate
 from typer.testing import CliRunner
 
-import nermo_gap
-from nermo_gap.cli import gap_app
-from nermo_gap.core.baselines import fit_everything
-from nermo_gap.core.diagnose import Diagnosis, Options, diagnose, write_report
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.hypothesis import Hypothesis
-from nermo_gap.core.mapping import load_map
-from nermo_gap.core.nuisance import enumerate_nuisances
-from nermo_gap.core.plant import build_plant, load_spec
-from nermo_gap.core.recording import load_table, recording_from_table
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.residual import Residuals, channel_gap
-from nermo_gap.core.variant import Variant
-from nermo_gap.core.windows import cut
+import simgap
+from simgap.analysis.diagnose import Diagnosis, Options, diagnose, write_report
+from simgap.cli import app
+from simgap.data.mapping import load_map
+from simgap.data.plant import build_plant, load_spec
+from simgap.data.recording import load_table, recording_from_table
+from simgap.inference.baselines import fit_everything
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Hypothesis
+from simgap.inference.nuisance import enumerate_nuisances
+from simgap.inference.residual import Residuals, channel_gap
+from simgap.simulation.replay import Replayer
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import cut
 
 Array = NDArray[np.float64]
 
@@ -150,7 +150,7 @@ def test_no_gap_is_no_gap() -> None:
 @pytest.mark.parametrize("dead", [("pos2",), ("pos2", "vel2")])
 def test_an_elbow_whose_angle_nobody_recorded_proves_no_effect(dead: tuple[str, ...]) -> None:
     """Windows of a real double pendulum would begin at a guess, and an armature of 0.9 kg m^2 explain it."""
-    folder = Path(nermo_gap.__file__).parent / "examples" / "double_pendulum"
+    folder = Path(simgap.__file__).parent / "examples" / "double_pendulum"
     plant = build_plant(load_spec(folder / "model.xml"), load_map(folder / "map.yaml"))
     table = {name: column[:900].copy() for name, column in load_table(folder / "excerpt.csv").items()}
     for name in dead:
@@ -189,7 +189,7 @@ def files(tmp_path: Path) -> dict[str, Path]:
 
 def _run(files: dict[str, Path], *more: str):  # type: ignore[no-untyped-def]
     arguments = ["diagnose", str(files["log"]), "--model", str(files["model"]), "--map", str(files["map"])]
-    return CliRunner().invoke(gap_app, [*arguments, "--json", str(files["json"]), *more])
+    return CliRunner().invoke(app, [*arguments, "--json", str(files["json"]), *more])
 
 
 def test_command_line_writes_every_key(files: dict[str, Path]) -> None:

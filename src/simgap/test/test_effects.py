@@ -11,19 +11,20 @@ import numpy as np
 import pytest
 from robots import ARM, LEG, MODELS, aligned_of, simulate
 
-from nermo_gap.core.effects.base import Context, Effect, Site, group_names
-from nermo_gap.core.effects.body import shift_com
-from nermo_gap.core.effects.contact import GravityLean, GroundSlope, soften_onset
-from nermo_gap.core.effects.friction import CoulombFriction, StribeckFriction
-from nermo_gap.core.effects.tendon import TendonFriction
-from nermo_gap.core.errors import GapInputError
-from nermo_gap.core.library import effect_classes, enumerate_effects, load_effects
-from nermo_gap.core.nuisance import apply_nuisances, enumerate_nuisances
-from nermo_gap.core.plant import Plant
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.scales import measure_scales
-from nermo_gap.core.variant import FrictionPath, Variant
-from nermo_gap.core.windows import cut
+from simgap.data.errors import GapInputError
+from simgap.data.plant import Plant
+from simgap.effects.base import Context, Effect, Site, group_names
+from simgap.effects.body import shift_com
+from simgap.effects.contact import GravityLean, GroundSlope
+from simgap.effects.friction import CoulombFriction, StribeckFriction
+from simgap.effects.library import effect_classes, enumerate_effects, load_effects
+from simgap.effects.tendon import TendonFriction
+from simgap.inference.nuisance import apply_nuisances, enumerate_nuisances
+from simgap.simulation.contacts import soften_onset
+from simgap.simulation.replay import Replayer
+from simgap.simulation.scales import measure_scales
+from simgap.simulation.variant import FrictionPath, Variant
+from simgap.simulation.windows import cut
 
 NAMES = {
     *("servo_delay", "servo_dead_band", "servo_backlash", "servo_gain", "servo_offset", "servo_rate_limit"),
@@ -183,7 +184,7 @@ def test_groups_come_from_shared_words() -> None:
 
 
 USER_EFFECT = '''
-from nermo_gap.core.effects.base import Effect, Site, Parameter
+from simgap.effects.base import Effect, Site, Parameter
 
 class Wind(Effect):
     """A steady wind along x."""

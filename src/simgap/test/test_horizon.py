@@ -8,16 +8,16 @@ import mujoco
 import pytest
 from robots import aligned_of, simulate
 
-import nermo_gap
-from nermo_gap.core.align import align
-from nermo_gap.core.horizon import SHORTEST, usable_horizon
-from nermo_gap.core.mapping import load_map
-from nermo_gap.core.noise import noise_floor
-from nermo_gap.core.plant import build_plant
-from nermo_gap.core.recording import load_table, recording_from_table
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.variant import Variant
-from nermo_gap.core.windows import HORIZON, cut
+import simgap
+from simgap.data.align import align
+from simgap.data.mapping import load_map
+from simgap.data.noise_floor import noise_floor
+from simgap.data.plant import build_plant
+from simgap.data.recording import load_table, recording_from_table
+from simgap.simulation.horizon import SHORTEST, usable_horizon
+from simgap.simulation.replay import Replayer
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import HORIZON, cut
 
 
 @pytest.mark.parametrize("name", ["arm", "cart_pole"])
@@ -28,7 +28,7 @@ def test_what_does_not_amplify_errors_keeps_long_windows(name: str) -> None:
 
 
 def test_a_swinging_double_pendulum_gets_short_windows() -> None:
-    folder = Path(nermo_gap.__file__).parent / "examples" / "double_pendulum"
+    folder = Path(simgap.__file__).parent / "examples" / "double_pendulum"
     plant = build_plant(
         mujoco.MjSpec.from_file(str(folder / "model.xml")),
         load_map(folder / "map.yaml"),

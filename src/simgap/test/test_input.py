@@ -11,16 +11,16 @@ import pyarrow.parquet
 import pytest
 from robots import ARM, MAPS, aligned_of, plant_of, simulate
 
-from nermo_gap.core.align import align
-from nermo_gap.core.errors import GapInputError
-from nermo_gap.core.mapping import load_map, parse_map
-from nermo_gap.core.noise import noise_floor
-from nermo_gap.core.plant import build_plant, euler_angles
-from nermo_gap.core.plausibility import check_map, check_replay
-from nermo_gap.core.recording import load_table, recording_from_table
-from nermo_gap.core.state import measured_state
-from nermo_gap.core.units import factor
-from nermo_gap.core.windows import cut
+from simgap.analysis.input_checks import check_map, check_replay
+from simgap.data.align import align
+from simgap.data.errors import GapInputError
+from simgap.data.mapping import load_map, parse_map
+from simgap.data.noise_floor import noise_floor
+from simgap.data.plant import build_plant, euler_angles
+from simgap.data.recording import load_table, recording_from_table
+from simgap.data.units import factor
+from simgap.simulation.state import measured_state
+from simgap.simulation.windows import cut
 
 
 @pytest.mark.parametrize(

@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 from robots import ARM
 
-from nermo_gap.core.align import align
-from nermo_gap.core.mapping import parse_map
-from nermo_gap.core.noise import noise_floor
-from nermo_gap.core.plant import build_plant
-from nermo_gap.core.recording import recording_from_table
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.residual import Residuals, channel_gap
-from nermo_gap.core.variant import Variant
-from nermo_gap.core.windows import cut
+from simgap.data.align import align
+from simgap.data.mapping import parse_map
+from simgap.data.noise_floor import noise_floor
+from simgap.data.plant import build_plant
+from simgap.data.recording import recording_from_table
+from simgap.inference.residual import Residuals, channel_gap
+from simgap.simulation.replay import Replayer
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import cut
 
 Array = NDArray[np.float64]
 PASSIVE = ARM[: ARM.index("<actuator>")] + "</mujoco>"

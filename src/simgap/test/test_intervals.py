@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 from robots import aligned_of, simulate
 from scipy.stats import truncnorm
 
-from nermo_gap.core.diagnose import LAW, parameter_deviation
-from nermo_gap.core.effects.base import Context
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.hypothesis import Fit, Hypothesis
-from nermo_gap.core.library import enumerate_effects
-from nermo_gap.core.nuisance import BOX, enumerate_nuisances
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.residual import Residuals
-from nermo_gap.core.scales import measure_scales
-from nermo_gap.core.variant import Variant
-from nermo_gap.core.windows import cut
+from simgap.analysis.diagnose import LAW, parameter_deviation
+from simgap.effects.base import Context
+from simgap.effects.library import enumerate_effects
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.nuisance import BOX, enumerate_nuisances
+from simgap.inference.residual import Residuals
+from simgap.simulation.replay import Replayer
+from simgap.simulation.scales import measure_scales
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import cut
 
 Array = NDArray[np.float64]
 

@@ -9,26 +9,26 @@ import pytest
 from numpy.typing import NDArray
 from robots import aligned_of, simulate
 
-from nermo_gap.blind.cases import draw, robot_of
-from nermo_gap.blind.recordings import realise
-from nermo_gap.core.chance import Chance
-from nermo_gap.core.diagnose import Options, diagnose
-from nermo_gap.core.effects.base import Context, Effect
-from nermo_gap.core.effects.growing import Growing
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.hypothesis import Hypothesis
-from nermo_gap.core.lateness import Lateness
-from nermo_gap.core.library import enumerate_effects
-from nermo_gap.core.mapping import parse_map
-from nermo_gap.core.plant import build_plant
-from nermo_gap.core.recording import recording_from_table
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.residual import Residuals
-from nermo_gap.core.scales import measure_scales
-from nermo_gap.core.select import Selection, Selector
-from nermo_gap.core.signal_path import shape_inputs
-from nermo_gap.core.variant import Variant
-from nermo_gap.core.windows import cut
+from simgap.analysis.diagnose import Options, diagnose
+from simgap.blind.cases import draw, robot_of
+from simgap.blind.recordings import realise
+from simgap.data.mapping import parse_map
+from simgap.data.plant import build_plant
+from simgap.data.recording import recording_from_table
+from simgap.effects.base import Context, Effect
+from simgap.effects.growing import Growing
+from simgap.effects.library import enumerate_effects
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Hypothesis
+from simgap.inference.residual import Residuals
+from simgap.inference.select import Selection, Selector
+from simgap.inference.stochastic_link import Chance
+from simgap.simulation.lateness import Lateness
+from simgap.simulation.replay import Replayer
+from simgap.simulation.scales import measure_scales
+from simgap.simulation.signal_path import shape_inputs
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import cut
 
 Array = NDArray[np.float64]
 

@@ -8,31 +8,31 @@ import mujoco
 import numpy as np
 import pytest
 
-from nermo_gap.blind import cases, recordings
-from nermo_gap.blind.cases import Case, Injected, robot_of
-from nermo_gap.blind.faults import FAULTS, LEVELS
-from nermo_gap.blind.imitate import left_by_imitation
-from nermo_gap.blind.recordings import simulate
-from nermo_gap.blind.truth import record
-from nermo_gap.core.align import align
-from nermo_gap.core.candidates import Effort
-from nermo_gap.core.diagnose import Options, diagnose
-from nermo_gap.core.effects.base import Context, Effect
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.hypothesis import Hypothesis
-from nermo_gap.core.integration import step_inertia
-from nermo_gap.core.library import enumerate_effects
-from nermo_gap.core.mapping import parse_map
-from nermo_gap.core.noise import noise_floor
-from nermo_gap.core.plant import Plant, build_plant
-from nermo_gap.core.recording import recording_from_table
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.residual import Residuals
-from nermo_gap.core.scales import measure_scales
-from nermo_gap.core.scores import Scores
-from nermo_gap.core.screen import screen
-from nermo_gap.core.variant import Variant
-from nermo_gap.core.windows import cut
+from simgap.analysis.diagnose import Options, diagnose
+from simgap.blind import cases, recordings
+from simgap.blind.cases import Case, Injected, robot_of
+from simgap.blind.faults import FAULTS, LEVELS
+from simgap.blind.imitate import left_by_imitation
+from simgap.blind.recordings import simulate
+from simgap.blind.truth import record
+from simgap.data.align import align
+from simgap.data.mapping import parse_map
+from simgap.data.noise_floor import noise_floor
+from simgap.data.plant import Plant, build_plant
+from simgap.data.recording import recording_from_table
+from simgap.effects.base import Context, Effect
+from simgap.effects.library import enumerate_effects
+from simgap.inference.candidates import Effort
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Hypothesis
+from simgap.inference.residual import Residuals
+from simgap.inference.scores import Scores
+from simgap.inference.screen import screen
+from simgap.simulation.integration import step_inertia
+from simgap.simulation.replay import Replayer
+from simgap.simulation.scales import measure_scales
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import cut
 
 
 @pytest.fixture

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from robots import aligned_of, plant_of, simulate
 
-from nermo_gap.core.experiment import GenericMenu
-from nermo_gap.core.next_experiment import simulate as run_experiment
-from nermo_gap.core.recording import load_table, recording_from_table
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.variant import Variant
-from nermo_gap.core.windows import cut
+from simgap.analysis.experiment import GenericMenu
+from simgap.analysis.next_experiment import simulate as run_experiment
+from simgap.data.recording import load_table, recording_from_table
+from simgap.simulation.replay import Replayer
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import cut
 
 
 @pytest.mark.parametrize("robot", ["pendulum", "cart_pole", "arm"])

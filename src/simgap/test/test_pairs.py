@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 from robots import plant_of, simulate
 
-from nermo_gap.core.align import align
-from nermo_gap.core.diagnose import Diagnosis, Options, diagnose
-from nermo_gap.core.effects.base import Context, Effect
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.hypothesis import Fit, Hypothesis
-from nermo_gap.core.library import enumerate_effects
-from nermo_gap.core.noise import noise_floor
-from nermo_gap.core.nuisance import BOX
-from nermo_gap.core.plant import Plant
-from nermo_gap.core.preference import earns, stands_out
-from nermo_gap.core.recording import recording_from_table
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.residual import Residuals
-from nermo_gap.core.scales import measure_scales
-from nermo_gap.core.scores import Scored, Scores
-from nermo_gap.core.variant import Variant
-from nermo_gap.core.windows import cut
+from simgap.analysis.diagnose import Diagnosis, Options, diagnose
+from simgap.data.align import align
+from simgap.data.noise_floor import noise_floor
+from simgap.data.plant import Plant
+from simgap.data.recording import recording_from_table
+from simgap.effects.base import Context, Effect
+from simgap.effects.library import enumerate_effects
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.model_selection import earns, stands_out
+from simgap.inference.nuisance import BOX
+from simgap.inference.residual import Residuals
+from simgap.inference.scores import Scored, Scores
+from simgap.simulation.replay import Replayer
+from simgap.simulation.scales import measure_scales
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import cut
 
 
 def _names(found: Diagnosis) -> set[str]:
@@ -221,11 +221,11 @@ def test_a_mass_that_lies_aside_comes_before_gravity_that_leans_far() -> None:
     assert "gravity_lean@all" in found.report["equivalent"][0]
 
 
-def test_a_winner_that_ended_in_a_wrong_optimum_is_shaken_out_of_it() -> None:
+def test_a_winner_that_ended_in_a_wrong_optimum_is_restarted_out_of_it() -> None:
     _, found = _drag_and_friction()
     selector, right = found.selector, found.selection
     candidates, best = selector.candidates, right.best.fit
     stuck = replace(best, x=best.x * [0.75, 1.0], cost=best.cost + 40.0)
-    better = candidates.shaken(replace(right.best, fit=stuck))
+    better = candidates.restarted(replace(right.best, fit=stuck))
     assert better.fit.cost == pytest.approx(best.cost, abs=0.5)
-    assert candidates.shaken(right.best) is right.best
+    assert candidates.restarted(right.best) is right.best

@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 from robots import MODELS, aligned_of, simulate
 
-from nermo_gap.core.align import Aligned
-from nermo_gap.core.integration import finer
-from nermo_gap.core.plant import Plant
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.residual import Residuals, channel_gap
-from nermo_gap.core.variant import Variant
-from nermo_gap.core.windows import at_limit, cut
+from simgap.data.align import Aligned
+from simgap.data.plant import Plant
+from simgap.inference.residual import Residuals, channel_gap
+from simgap.simulation.integration import finer
+from simgap.simulation.replay import Replayer
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import at_limit, cut
 
 Array = NDArray[np.float64]
 

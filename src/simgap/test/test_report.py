@@ -13,14 +13,14 @@ import pytest
 from matplotlib.text import Annotation
 from robots import plant_of, simulate
 
-from nermo_gap.core.diagnose import Diagnosis, Options, diagnose
-from nermo_gap.core.errors import GapInputError
-from nermo_gap.core.recording import recording_from_table
-from nermo_gap.report.drawing import draw_robot
-from nermo_gap.report.evidence import Evidence, gather
-from nermo_gap.report.html import page, write_page
-from nermo_gap.report.sentences import how_far, sentences, title, what, where
-from nermo_gap.report.style import svg
+from simgap.analysis.diagnose import Diagnosis, Options, diagnose
+from simgap.data.errors import GapInputError
+from simgap.data.recording import recording_from_table
+from simgap.report.drawing import draw_robot
+from simgap.report.evidence import Evidence, gather
+from simgap.report.html import page, write_page
+from simgap.report.sentences import how_far, sentences, title, what, where
+from simgap.report.style import svg
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 

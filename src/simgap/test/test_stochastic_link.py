@@ -10,21 +10,21 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from robots import aligned_of, plant_of, simulate
 
-from nermo_gap.core.chance import forgiven
-from nermo_gap.core.diagnose import Options, diagnose
-from nermo_gap.core.effects.base import Context
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.library import enumerate_effects
-from nermo_gap.core.nuisance import BOX
-from nermo_gap.core.recording import recording_from_table
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.residual import Residuals
-from nermo_gap.core.scales import measure_scales
-from nermo_gap.core.scatter import Likelihood, Room, factor_of
-from nermo_gap.core.screen import screen
-from nermo_gap.core.structure import REPEATS, predictable_share, repeating_share
-from nermo_gap.core.variant import Variant
-from nermo_gap.core.windows import cut
+from simgap.analysis.diagnose import Options, diagnose
+from simgap.data.recording import recording_from_table
+from simgap.effects.base import Context
+from simgap.effects.library import enumerate_effects
+from simgap.inference.fit import Fitter
+from simgap.inference.nuisance import BOX
+from simgap.inference.residual import Residuals
+from simgap.inference.scatter import Likelihood, Room, factor_of
+from simgap.inference.screen import screen
+from simgap.inference.stochastic_link import forgiven
+from simgap.inference.structure import REPEATS, predictable_share, repeating_share
+from simgap.simulation.replay import Replayer
+from simgap.simulation.scales import measure_scales
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import cut
 
 Array = NDArray[np.float64]
 

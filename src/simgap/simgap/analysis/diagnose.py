@@ -15,34 +15,35 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.align import Aligned, align
-from nermo_gap.core.baselines import best_in_sample, fit_everything
-from nermo_gap.core.candidates import Effort
-from nermo_gap.core.chance import PATTERN, Chance
-from nermo_gap.core.effects.base import Context, Effect
-from nermo_gap.core.experiment import GenericMenu, Menu
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.horizon import usable_horizon
-from nermo_gap.core.hypothesis import Fit, Hypothesis
-from nermo_gap.core.integration import FINER, finer
-from nermo_gap.core.isolability import confusion, isolability
-from nermo_gap.core.library import enumerate_effects
-from nermo_gap.core.next_experiment import Proposal, propose
-from nermo_gap.core.noise import noise_floor
-from nermo_gap.core.nuisance import Nuisance, enumerate_nuisances
-from nermo_gap.core.plant import Plant
-from nermo_gap.core.plausibility import check_map, check_replay
-from nermo_gap.core.recording import Recording, concatenate
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.residual import Residuals
-from nermo_gap.core.scales import measure_scales
-from nermo_gap.core.select import Selection, Selector
-from nermo_gap.core.state import measured_state
-from nermo_gap.core.structure import REPEATS, predictable_share, repeating_share
-from nermo_gap.core.variant import Variant
-from nermo_gap.core.verdict import Verdict, judge
-from nermo_gap.core.where import Phases, bands, locate
-from nermo_gap.core.windows import HORIZON, HORIZON_HEAVY, LIGHT, WARM_UP, affordable, at_limit, cut
+import simgap
+from simgap.analysis.experiment import GenericMenu, Menu
+from simgap.analysis.input_checks import check_map, check_replay
+from simgap.analysis.isolability import confusion, isolability
+from simgap.analysis.localisation import Phases, bands, locate
+from simgap.analysis.next_experiment import Proposal, propose
+from simgap.data.align import Aligned, align
+from simgap.data.noise_floor import noise_floor
+from simgap.data.plant import Plant
+from simgap.data.recording import Recording, concatenate
+from simgap.effects.base import Context, Effect
+from simgap.effects.library import enumerate_effects
+from simgap.inference.baselines import best_in_sample, fit_everything
+from simgap.inference.candidates import Effort
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.nuisance import Nuisance, enumerate_nuisances
+from simgap.inference.residual import Residuals
+from simgap.inference.select import Selection, Selector
+from simgap.inference.stochastic_link import PATTERN, Chance
+from simgap.inference.structure import REPEATS, predictable_share, repeating_share
+from simgap.inference.verdict import Verdict, judge
+from simgap.simulation.horizon import usable_horizon
+from simgap.simulation.integration import FINER, finer
+from simgap.simulation.replay import Replayer
+from simgap.simulation.scales import measure_scales
+from simgap.simulation.state import measured_state
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import HORIZON, HORIZON_HEAVY, LIGHT, WARM_UP, affordable, at_limit, cut
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -195,7 +196,7 @@ def _report(
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "seed": options.seed,
         "robot": mujoco.mj_id2name(plant.model, mujoco.mjtObj.mjOBJ_MODEL, 0) or _model_name(plant),
-        "versions": {"nermo_gap": "0.1.0", "mujoco": mujoco.__version__, "python": platform.python_version()},
+        "versions": {"simgap": simgap.__version__, "mujoco": mujoco.__version__, "python": platform.python_version()},
         "verdict": verdict.kind,
         "reasons": verdict.reasons,
         "gap": _gap(selector, selection, fitter.mean_square(nominal)),

@@ -11,9 +11,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.align import Aligned
-from nermo_gap.core.plant import Plant
-from nermo_gap.core.units import factor
+from simgap.data.align import Aligned
+from simgap.data.plant import Plant
+from simgap.data.units import factor
 
 Array = NDArray[np.float64]
 

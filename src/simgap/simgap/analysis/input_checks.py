@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.align import Aligned
-from nermo_gap.core.channels import model_names
-from nermo_gap.core.errors import GapInputError
-from nermo_gap.core.plant import Plant
-from nermo_gap.core.state import MeasuredState
+from simgap.data.align import Aligned
+from simgap.data.channels import model_names
+from simgap.data.errors import GapInputError
+from simgap.data.plant import Plant
+from simgap.simulation.state import MeasuredState
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.hypothesis import Fit
-from nermo_gap.core.screen import Screened, informative_windows
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Fit
+from simgap.inference.screen import Screened, informative_windows
 
 Array = NDArray[np.float64]
 

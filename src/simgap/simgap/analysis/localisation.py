@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.align import Aligned
-from nermo_gap.core.channels import OutputChannel
-from nermo_gap.core.residual import Residuals
+from simgap.data.align import Aligned
+from simgap.data.channels import OutputChannel
+from simgap.inference.residual import Residuals
 
 Array = NDArray[np.float64]
 Phases = Callable[[Aligned, OutputChannel], dict[str, NDArray[np.bool_]] | None]

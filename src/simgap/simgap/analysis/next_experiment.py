@@ -10,17 +10,17 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.align import Aligned, Run
-from nermo_gap.core.channels import model_names
-from nermo_gap.core.errors import GapInputError
-from nermo_gap.core.experiment import Experiment, GenericMenu, Menu
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.hypothesis import Fit
-from nermo_gap.core.plant import Plant
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.residual import Residuals
-from nermo_gap.core.variant import Variant
-from nermo_gap.core.windows import LIGHT, Windows, cut
+from simgap.analysis.experiment import Experiment, GenericMenu, Menu
+from simgap.data.align import Aligned, Run
+from simgap.data.channels import model_names
+from simgap.data.errors import GapInputError
+from simgap.data.plant import Plant
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Fit
+from simgap.inference.residual import Residuals
+from simgap.simulation.replay import Replayer
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import LIGHT, Windows, cut
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]

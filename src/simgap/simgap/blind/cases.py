@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from functools import partial
+from importlib.metadata import entry_points
+from typing import Any, cast
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.blind.faults import FAULTS, LEVELS, UNKNOWN, Fault
-from nermo_gap.blind.robots import MAPS, MODELS, commands, start
-from nermo_gap.blind.sites import Site, sites
-from nermo_gap.blind.truth import PERIOD
+from simgap.blind.faults import FAULTS, LEVELS, UNKNOWN, Fault
+from simgap.blind.robots import MAPS, MODELS, commands, start
+from simgap.blind.sites import Site, sites
+from simgap.blind.truth import PERIOD
 
 Array = NDArray[np.float64]
 
@@ -21,9 +23,10 @@ KINDS = {"none": 0.20, "single": 0.50, "pair": 0.15, "unknown": 0.15}
 """Kinds of cases and their shares: 40, 100, 30 and 30 of 200."""
 SMALL = tuple(MODELS)
 """Robots that come with the check."""
-MICE = ("nermo_lite",)
-"""Our own robots, walking under their own controller; they take minutes each."""
-HEAVY = {"quad": 0.25, "nermo_lite": 0.25}
+ROBOTS = "simgap.blind_robots"
+"""Group of entry points by which other packages bring robots: name = module:function without arguments, gives a Robot.
+Processes that make cases find them by name."""
+HEAVY = 0.25
 """Robots that take long are drawn less often, by this factor, where a fault can also sit in another one."""
 
 
@@ -75,13 +78,21 @@ class Case:
 
 @dataclass(frozen=True)
 class Robot:
-    """A nominal robot of the check: its MJCF, its map, where it begins, and what it is told, by seed."""
+    """A nominal robot of the check: its MJCF, its map, where it begins, and what it is told, by seed.
+
+    Attributes:
+        excite: columns of commands in the map's units, each (n,), of seed, n and period [s].
+        noise: factor of the usual noise of its sensors.
+        share: how often it is drawn, where a fault can also sit in another one.
+    """
 
     name: str
     xml: str
     mapping: dict[str, Any]
     start: dict[str, float]
+    excite: Callable[[int, int, float], dict[str, Array]]
     noise: float = 1.0
+    share: float = 1.0
 
     def spec(self) -> mujoco.MjSpec:
         """A fresh specification of the nominal model."""
@@ -89,26 +100,21 @@ class Robot:
 
     def commands(self, seed: int, n: int) -> dict[str, Array]:
         """Columns of commands in the map's units."""
-        if self.name in MICE:
-            from nermo_gap.blind import mouse
-
-            return mouse.walk(seed, n, PERIOD)
-        return commands(self.name, seed, n, PERIOD)
+        return self.excite(seed, n, PERIOD)
 
 
 def robot_of(name: str) -> Robot:
-    """A robot by name.
+    """A robot by name: of this check, or one that an installed package brings (see ROBOTS).
 
     Raises ValueError for an unknown one.
     """
     if name in MODELS:
-        return Robot(name, MODELS[name], dict(MAPS[name]), start(name))
-    if name in MICE:
-        # Imported here: the small robots need none of the mouse's packages.
-        from nermo_gap.blind import mouse
-
-        return Robot(name, mouse.xml(), mouse.mapping(), {}, noise=5.0)
-    raise ValueError(f"robot {name!r} is unknown: choose of {', '.join((*SMALL, *MICE))}")
+        share = HEAVY if name == "quad" else 1.0
+        return Robot(name, MODELS[name], dict(MAPS[name]), start(name), partial(commands, name), share=share)
+    others = {point.name: point for point in entry_points(group=ROBOTS)}
+    if name in others:
+        return cast(Robot, others[name].load()())
+    raise ValueError(f"robot {name!r} is unknown: choose of {', '.join((*SMALL, *sorted(others)))}")
 
 
 def draw(count: int, seed: int, robots: Sequence[str] = SMALL, seconds: float = 15.0) -> list[Case]:
@@ -119,6 +125,7 @@ def draw(count: int, seed: int, robots: Sequence[str] = SMALL, seconds: float = 
     rng = np.random.default_rng([seed, 7919])
     numbers = _shares(count)
     places = {name: all_sites(name) for name in robots}
+    shares = {name: robot_of(name).share for name in robots}
     single = _deck(FAULTS, rng, places)
     unknown = _deck(UNKNOWN, rng, places)
     kinds = [kind for kind, n in numbers.items() for _ in range(n)]
@@ -137,7 +144,7 @@ def draw(count: int, seed: int, robots: Sequence[str] = SMALL, seconds: float = 
             drawn = [(_pick(own, FAULTS, places), int(own.integers(1, 3)))]
         single, unknown = single or _deck(FAULTS, rng, places), unknown or _deck(UNKNOWN, rng, places)
         able = [r for r in robots if not drawn or places[r][drawn[0][0].kind]]
-        weights = np.array([HEAVY.get(r, 1.0) / (1.0 + used[r]) ** 2 for r in able])
+        weights = np.array([shares[r] / (1.0 + used[r]) ** 2 for r in able])
         robot = able[int(own.choice(len(able), p=weights / weights.sum()))]
         used[robot] += 1
         faults = [inject(own, f, places[robot], level) for f, level in drawn]

@@ -1,4 +1,4 @@
-"""``nermo gap blind`` and ``python -m nermo_gap.blind``: make, diagnose and score a blind check."""
+"""``simgap blind`` and ``python -m simgap.blind``: make, diagnose and score a blind check."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from nermo_gap.blind.cases import SMALL
-from nermo_gap.blind.make import BlindError, make
-from nermo_gap.blind.run import results_file, run
-from nermo_gap.blind.score import AIMS, TITLES, between, cell, markdown, score
-from nermo_gap.blind.settle import settle
+from simgap.blind.cases import SMALL
+from simgap.blind.make import BlindError, make
+from simgap.blind.run import results_file, run
+from simgap.blind.score import AIMS, TITLES, between, cell, markdown, score
+from simgap.blind.settle import settle
 
 blind_app = typer.Typer(
     name="blind",
@@ -45,7 +45,7 @@ def make_command(
 
     \b
     Example:
-      nermo gap blind make --out check --cases 200 --seed 2026 --answers sealed/check
+      simgap blind make --out check --cases 200 --seed 2026 --answers sealed/check
     """
     place = answers or out.with_name(out.name + "-answers")
     names = tuple(r for r in robots.split(",") if r)
@@ -75,7 +75,7 @@ def diagnose_command(
 
     \b
     Example:
-      nermo gap blind diagnose check --out results --workers 16 --threads 1
+      simgap blind diagnose check --out results --workers 16 --threads 1
     """
     try:
         found = run(
@@ -118,7 +118,7 @@ def score_command(
 
     \b
     Example:
-      nermo gap blind score check sealed/check results --json score.json
+      simgap blind score check sealed/check results --json score.json
     """
     try:
         scored = score(folder, answers, results)
@@ -142,9 +142,9 @@ def settle_command(
 
     \b
     Example:
-      nermo gap blind settle check sealed/check results --out check_next
-      nermo gap blind diagnose check_next --out results_next --answers sealed/check
-      nermo gap blind score check_next sealed/check results_next
+      simgap blind settle check sealed/check results --out check_next
+      simgap blind diagnose check_next --out results_next --answers sealed/check
+      simgap blind score check_next sealed/check results_next
     """
     try:
         found = settle(folder, answers, results, out, lambda i, n: _line(f"ran {i} of {n}"))

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.blind.truth import PERIOD, Run, Soft, Truth
+from simgap.blind.truth import PERIOD, Run, Soft, Truth
 
 Array = NDArray[np.float64]
 Values = dict[str, float]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from nermo_gap.blind.truth import Truth
+from simgap.blind.truth import Truth
 
 Array = NDArray[np.float64]
 

@@ -17,8 +17,8 @@ import mujoco
 import numpy as np
 import yaml
 
-from nermo_gap.blind.cases import SMALL, Case, draw, robot_of
-from nermo_gap.blind.recordings import realise
+from simgap.blind.cases import SMALL, Case, draw, robot_of
+from simgap.blind.recordings import realise
 
 SCHEMA = "nermo_gap/blind/1"
 Progress = Callable[[int, int], None]

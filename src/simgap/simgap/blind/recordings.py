@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.blind.cases import SMALL, Case, Injected, Robot, all_sites, inject, robot_of, stronger
-from nermo_gap.blind.faults import LEVELS, Scale, fault, soft_of
-from nermo_gap.blind.imitate import (
+from simgap.blind.cases import SMALL, Case, Injected, Robot, all_sites, inject, robot_of, stronger
+from simgap.blind.faults import LEVELS, Scale, fault, soft_of
+from simgap.blind.imitate import (
     IMITATED,
     IMITATED_WALK,
     LATE,
@@ -22,7 +22,7 @@ from nermo_gap.blind.imitate import (
     left_by_imitation,
     nominal_numbers,
 )
-from nermo_gap.blind.truth import PERIOD, Run, Truth, build, record
+from simgap.blind.truth import PERIOD, Run, Truth, build, record
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-from nermo_gap.blind.make import BlindError, read_manifest
+from simgap.blind.make import BlindError, read_manifest
 
 Progress = Callable[[dict[str, Any], int, int], None]
 
@@ -125,7 +125,7 @@ def _refuse_reachable(folder: Path, answers: Sequence[Path]) -> None:
 def _diagnose(case: Path, out: Path, options: dict[str, Any], timeout: float, keep: bool) -> dict[str, Any]:
     started = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="blind-") as scratch:
-        command = [sys.executable, "-P", "-m", "nermo_gap.blind.worker", str(case), scratch, json.dumps(options)]
+        command = [sys.executable, "-P", "-m", "simgap.blind.worker", str(case), scratch, json.dumps(options)]
         environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
         row: dict[str, Any] = {"id": case.name, "status": "failed"}
         try:

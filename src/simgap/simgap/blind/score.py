@@ -15,8 +15,8 @@ import mujoco
 import numpy as np
 from scipy.stats import binomtest
 
-from nermo_gap.blind.make import BlindError, read_manifest
-from nermo_gap.blind.run import read_results
+from simgap.blind.make import BlindError, read_manifest
+from simgap.blind.run import read_results
 
 Row = dict[str, Any]
 Metric = dict[str, Any]
@@ -69,7 +69,7 @@ def score(folder: Path, answers: Path, results: Path) -> dict[str, Any]:
     return {
         "schema": "nermo_gap/blind_score/1",
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "command": "nermo gap blind score",
+        "command": "simgap blind score",
         "seed": _seed(answers),
         "robot": sorted({r["robot"] for r in rows}),
         "versions": {"mujoco": mujoco.__version__, "python": platform.python_version()},

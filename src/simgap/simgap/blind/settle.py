@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from nermo_gap.blind.cases import Case, Injected
-from nermo_gap.blind.make import BlindError, read_manifest, write_recording
-from nermo_gap.blind.recordings import simulate_again
-from nermo_gap.blind.run import experiment_file, read_results
-from nermo_gap.blind.score import read_answers
+from simgap.blind.cases import Case, Injected
+from simgap.blind.make import BlindError, read_manifest, write_recording
+from simgap.blind.recordings import simulate_again
+from simgap.blind.run import experiment_file, read_results
+from simgap.blind.score import read_answers
 
 Progress = Callable[[int, int], None]
 

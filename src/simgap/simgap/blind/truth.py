@@ -3,7 +3,7 @@
 Another time step, integrator and contacts than the nominal model's, nominal numbers off by 5 to 10 %, servos whose
 control law is computed here, and mechanisms of their own: a physical play joint, a motor that heats up, a link that
 flexes, a cable between a drum and a joint, smooth friction laws, a link that loses commands. A test holds this module
-to importing nothing from nermo_gap.core.
+to importing nothing from the folders that diagnose.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One case of a blind check, diagnosed in a process that sees this case alone: ``python -m nermo_gap.blind.worker``.
+"""One case of a blind check, diagnosed in a process that sees this case alone: ``python -m simgap.blind.worker``.
 
 The process first gives up the right to read anything but its case, its Python and the system (see jail.py), and only
 then looks at the recording.
@@ -17,12 +17,12 @@ from typing import Any
 def main(case: Path, out: Path, options: dict[str, Any]) -> None:
     """Diagnose ``case`` into ``out``/ID.json; ``options``: threads, baselines, seed, only, answers (a path to try)."""
     # Imported before the jail closes, since some libraries look around the file system when they are imported.
-    from nermo_gap.blind.jail import can_read, confine
-    from nermo_gap.core.baselines import fit_everything  # noqa: F401
-    from nermo_gap.core.diagnose import Options, diagnose, write_experiment
-    from nermo_gap.core.mapping import load_map
-    from nermo_gap.core.plant import build_plant, load_spec
-    from nermo_gap.core.recording import load_table, recording_from_table
+    from simgap.analysis.diagnose import Options, diagnose, write_experiment
+    from simgap.blind.jail import can_read, confine
+    from simgap.data.mapping import load_map
+    from simgap.data.plant import build_plant, load_spec
+    from simgap.data.recording import load_table, recording_from_table
+    from simgap.inference.baselines import fit_everything  # noqa: F401
 
     out.mkdir(parents=True, exist_ok=True)
     os.environ["TMPDIR"] = str(out)

@@ -1,1 +1,1 @@
-"""The robot-agnostic core: any MJCF, any recording. Imports no nermo package."""
+"""What comes in: maps, units, recordings, the model bound to its channels, a common grid, and the noise on it."""

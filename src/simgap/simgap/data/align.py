@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.errors import GapInputError
-from nermo_gap.core.plant import Plant
-from nermo_gap.core.recording import Recording
+from simgap.data.errors import GapInputError
+from simgap.data.plant import Plant
+from simgap.data.recording import Recording
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.errors import GapInputError, nearest
-from nermo_gap.core.mapping import InputRow, Map, OutputRow
-from nermo_gap.core.units import factor
+from simgap.data.errors import GapInputError, nearest
+from simgap.data.mapping import InputRow, Map, OutputRow
+from simgap.data.units import factor
 
 Array = NDArray[np.float64]
 Obj = mujoco.mjtObj

@@ -8,7 +8,7 @@ from typing import Literal
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from nermo_gap.core.errors import GapInputError
+from simgap.data.errors import GapInputError
 
 Kind = Literal["position", "velocity", "torque", "voltage"]
 Quantity = Literal["position", "velocity", "acceleration", "orientation", "angular_velocity", "torque", "force"]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs
 
-from nermo_gap.core.align import Aligned
+from simgap.data.align import Aligned
 
 Array = NDArray[np.float64]
 

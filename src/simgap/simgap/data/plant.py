@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.channels import (
+from simgap.data.channels import (
     InputChannel,
     OutputChannel,
     find,
@@ -18,8 +18,8 @@ from nermo_gap.core.channels import (
     output_channel,
     sensor_of,
 )
-from nermo_gap.core.errors import GapInputError
-from nermo_gap.core.mapping import GainRow, Map
+from simgap.data.errors import GapInputError
+from simgap.data.mapping import GainRow, Map
 
 Array = NDArray[np.float64]
 Obj = mujoco.mjtObj

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.errors import GapInputError, nearest
-from nermo_gap.core.plant import Plant
-from nermo_gap.core.units import factor
+from simgap.data.errors import GapInputError, nearest
+from simgap.data.plant import Plant
+from simgap.data.units import factor
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pint
 
-from nermo_gap.core.errors import GapInputError
+from simgap.data.errors import GapInputError
 
 #: Quantity -> its SI unit. Angles keep the radian, so that a plain number or a hertz does not pass for one.
 SI_UNITS: dict[str, str] = {

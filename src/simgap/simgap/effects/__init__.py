@@ -1,1 +1,1 @@
-"""The effect library: one small class an effect, one file a subsystem."""
+"""What may cause a gap, the effect library: one small class an effect, one file a subsystem."""

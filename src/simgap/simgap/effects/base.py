@@ -11,9 +11,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.channels import model_names
-from nermo_gap.core.plant import Plant
-from nermo_gap.core.variant import Variant
+from simgap.data.channels import model_names
+from simgap.data.plant import Plant
+from simgap.simulation.scales import Scales
+from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
 Obj = mujoco.mjtObj
@@ -46,29 +47,6 @@ class Parameter:
     def strong(self) -> float:
         """See above."""
         return max(abs(t - self.neutral) for t in self.tries)
-
-
-@dataclass(frozen=True)
-class Scales:
-    """How strongly this recording moves the robot, from a nominal replay; gives effects a sense of size.
-
-    Per degree of freedom: ``torque`` and ``speed`` (root mean square), joint ``inertia``, and the range of motion from
-    ``low`` to ``high``. ``force`` is per actuator, ``input_rate`` per input: percentiles 60, 80, 95 of absolute values.
-    ``input_update`` [s] is the usual time between two changes of an input.
-    """
-
-    torque: Array
-    speed: Array
-    inertia: Array
-    low: Array
-    high: Array
-    force: Array
-    tendon_force: Array
-    input_rms: Array
-    input_rate: Array
-    input_update: Array
-    output_rms: Array
-    output_extreme: Array
 
 
 @dataclass(frozen=True)

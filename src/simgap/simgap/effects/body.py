@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 import mujoco
 import numpy as np
 
-from nermo_gap.core.effects.base import Context, Effect, Parameter, amount, named_sites, ratio
-from nermo_gap.core.variant import Variant
+from simgap.effects.base import Context, Effect, Parameter, amount, named_sites, ratio
+from simgap.simulation.variant import Variant
 
 Obj = mujoco.mjtObj
 

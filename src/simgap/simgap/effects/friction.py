@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.effects.base import (
+from simgap.effects.base import (
     AtJoints,
     Context,
     Effect,
@@ -20,8 +20,8 @@ from nermo_gap.core.effects.base import (
     named_sites,
     scalar_joints,
 )
-from nermo_gap.core.effects.body import turns_alone
-from nermo_gap.core.variant import Variant
+from simgap.effects.body import turns_alone
+from simgap.simulation.variant import Variant
 
 Obj = mujoco.mjtObj
 Values = NDArray[np.float64]

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from nermo_gap.core.effects.base import Context, Effect, Parameter
-from nermo_gap.core.variant import Variant
+from simgap.effects.base import Context, Effect, Parameter
+from simgap.simulation.variant import Variant
 
 MIN_DURATION = 25.0
 """[s] A shorter recording does not show growth."""

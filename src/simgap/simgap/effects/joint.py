@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import mujoco
 import numpy as np
 
-from nermo_gap.core.effects.base import (
+from simgap.effects.base import (
     AtJoints,
     Context,
     Effect,
@@ -20,7 +20,7 @@ from nermo_gap.core.effects.base import (
     ratio,
     scalar_joints,
 )
-from nermo_gap.core.variant import Variant
+from simgap.simulation.variant import Variant
 
 Obj = mujoco.mjtObj
 _HARD = 250.0, 1.0

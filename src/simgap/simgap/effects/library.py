@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
-from nermo_gap.core.effects import body, contact, friction, joint, link, sensor, servo, tendon
-from nermo_gap.core.effects.base import Context, Effect
-from nermo_gap.core.errors import GapInputError, nearest
+from simgap.data.errors import GapInputError, nearest
+from simgap.effects import body, contact, friction, joint, link, sensor, servo, tendon
+from simgap.effects.base import Context, Effect
 
 _MODULES = (servo, link, friction, tendon, joint, body, contact, sensor)
 
@@ -26,7 +26,7 @@ def effect_classes() -> dict[str, type[Effect]]:
 
 
 def load_effects(path: str | Path) -> list[type[Effect]]:
-    """The effects defined in a Python file of the user's (subclasses of nermo_gap.core.effects.base.Effect).
+    """The effects defined in a Python file of the user's (subclasses of simgap.effects.base.Effect).
 
     Raises:
         GapInputError: the file cannot be run or defines no effect.

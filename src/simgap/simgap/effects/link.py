@@ -5,9 +5,9 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 
-from nermo_gap.core.effects.base import Context, Effect, Parameter, Site
-from nermo_gap.core.lateness import Lateness
-from nermo_gap.core.variant import Variant
+from simgap.effects.base import Context, Effect, Parameter, Site
+from simgap.simulation.lateness import Lateness
+from simgap.simulation.variant import Variant
 
 
 def _commands(context: Context) -> list[int]:

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from nermo_gap.core.effects.base import Context, Effect, Parameter, Site, amount, ratio
-from nermo_gap.core.plant import Plant
-from nermo_gap.core.variant import Variant
+from simgap.data.plant import Plant
+from simgap.effects.base import Context, Effect, Parameter, Site, amount, ratio
+from simgap.simulation.variant import Variant
 
 
 def sensor_sites(plant: Plant) -> list[Site]:

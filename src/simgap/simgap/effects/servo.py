@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 import mujoco
 import numpy as np
 
-from nermo_gap.core.channels import is_servo
-from nermo_gap.core.effects.base import Context, Effect, Parameter, Site, amount, named_sites, ratio
-from nermo_gap.core.plant import Plant
-from nermo_gap.core.variant import Variant
+from simgap.data.channels import is_servo
+from simgap.data.plant import Plant
+from simgap.effects.base import Context, Effect, Parameter, Site, amount, named_sites, ratio
+from simgap.simulation.variant import Variant
 
 Obj = mujoco.mjtObj
 

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 import mujoco
 import numpy as np
 
-from nermo_gap.core.channels import is_servo
-from nermo_gap.core.effects.base import Context, Effect, Parameter, amount, named_sites
-from nermo_gap.core.effects.friction import DryFriction
-from nermo_gap.core.effects.servo import channels_of, pulls_cable
-from nermo_gap.core.variant import Variant
+from simgap.data.channels import is_servo
+from simgap.effects.base import Context, Effect, Parameter, amount, named_sites
+from simgap.effects.friction import DryFriction
+from simgap.effects.servo import channels_of, pulls_cable
+from simgap.simulation.variant import Variant
 
 Obj = mujoco.mjtObj
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.hypothesis import Hypothesis
-from nermo_gap.core.scores import Scored
-from nermo_gap.core.select import Selector
-from nermo_gap.core.windows import LIGHT
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Hypothesis
+from simgap.inference.scores import Scored
+from simgap.inference.select import Selector
+from simgap.simulation.windows import LIGHT
 
 Array = NDArray[np.float64]
 

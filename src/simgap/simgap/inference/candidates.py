@@ -9,13 +9,13 @@ from itertools import pairwise, product
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.effects.base import Effect
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.hypothesis import Fit, Hypothesis
-from nermo_gap.core.preference import EVIDENCE, FINALISTS, generalises
-from nermo_gap.core.scores import Scored, Scores
-from nermo_gap.core.screen import Screened, informative_windows, screen
-from nermo_gap.core.seek import seek
+from simgap.effects.base import Effect
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.model_selection import EVIDENCE, FINALISTS, generalises
+from simgap.inference.scores import Scored, Scores
+from simgap.inference.screen import Screened, informative_windows, screen
+from simgap.inference.simplex_search import simplex_search
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -199,7 +199,7 @@ class Candidates:
             for other in [*(o for o in same if o.form != effect.form), *effect.alternatives()]:
                 changed, x = Hypothesis((*effects[:i], other, *effects[i + 1 :])), fit.x
                 if changed.size > len(x):
-                    x = seek(self.fitter, changed, i, x, fit.z, self.effort.sought)
+                    x = simplex_search(self.fitter, changed, i, x, fit.z, self.effort.sought)
                 found.append(self.scores.scored(self.fitter.cross_validate(self.fitter.fit(changed, x, fit.z))))
             found += [self._generalised(fit, i, law) for law in self.effects if generalises(law, effect)]
         return [f for f in found if f is not None]
@@ -307,7 +307,7 @@ class Candidates:
         better = self.scores.scored(self.fitter.polish(scored.fit, rounds=self.effort.rounds))
         return better if better.fit.cost <= scored.fit.cost else scored
 
-    def shaken(self, scored: Scored) -> Scored:
+    def restarted(self, scored: Scored) -> Scored:
         """A winner, begun anew from values about its own, one at a time, nominal numbers as they are or untouched."""
         fitter, fit = self.fitter, scored.fit
         away, low, high = (fit.hypothesis.vector(name) for name in ("neutral", "low", "high"))

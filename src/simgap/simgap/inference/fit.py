@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 from scipy.stats import truncnorm
 
-from nermo_gap.core.effects.contact import colliding, soften_onset
-from nermo_gap.core.hypothesis import Fit, Hypothesis
-from nermo_gap.core.nuisance import BOX, Nuisance, apply_nuisances
-from nermo_gap.core.residual import Residuals
-from nermo_gap.core.variant import Variant
+from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.nuisance import BOX, Nuisance, apply_nuisances
+from simgap.inference.residual import Residuals
+from simgap.simulation.contacts import colliding, soften_onset
+from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

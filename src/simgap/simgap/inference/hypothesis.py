@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.effects.base import Effect
-from nermo_gap.core.nuisance import BOX
+from simgap.effects.base import Effect
+from simgap.inference.nuisance import BOX
 
 Array = NDArray[np.float64]
 

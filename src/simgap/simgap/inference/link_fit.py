@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.effects.base import Effect
-from nermo_gap.core.effects.link import Late
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.hypothesis import Fit, Hypothesis
-from nermo_gap.core.nuisance import BOX
-from nermo_gap.core.scatter import Likelihood, Room, Scatter, autoregression_costs
+from simgap.effects.base import Effect
+from simgap.effects.link import Late
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.nuisance import BOX
+from simgap.inference.scatter import Likelihood, Room, Scatter, autoregression_costs
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.effects.base import Effect
-from nermo_gap.core.effects.link import Late
-from nermo_gap.core.hypothesis import Fit
-from nermo_gap.core.scores import PER_PARAMETER, Scored, Scores
+from simgap.effects.base import Effect
+from simgap.effects.link import Late
+from simgap.inference.hypothesis import Fit
+from simgap.inference.scores import PER_PARAMETER, Scored, Scores
 
 Array = NDArray[np.float64]
 

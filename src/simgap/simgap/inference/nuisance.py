@@ -9,12 +9,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.channels import is_servo
-from nermo_gap.core.effects.body import gyration, moving_bodies, shift_com
-from nermo_gap.core.effects.contact import colliding, lean
-from nermo_gap.core.integration import semi_implicit, step_inertia
-from nermo_gap.core.plant import Plant
-from nermo_gap.core.variant import Variant
+from simgap.data.channels import is_servo
+from simgap.data.plant import Plant
+from simgap.effects.body import gyration, moving_bodies, shift_com
+from simgap.effects.contact import lean
+from simgap.simulation.contacts import colliding
+from simgap.simulation.integration import semi_implicit, step_inertia
+from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
 

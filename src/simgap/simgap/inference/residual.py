@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.effects.contact import colliding
-from nermo_gap.core.noise import input_noise
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.variant import Variant
+from simgap.data.noise_floor import input_noise
+from simgap.simulation.contacts import colliding
+from simgap.simulation.replay import Replayer
+from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular, toeplitz
 from scipy.optimize import lsq_linear
 
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.lateness import Lateness
-from nermo_gap.core.residual import weighed
-from nermo_gap.core.variant import Variant
+from simgap.inference.fit import Fitter
+from simgap.inference.residual import weighed
+from simgap.simulation.lateness import Lateness
+from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.hypothesis import Fit
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Fit
 
 Array = NDArray[np.float64]
 

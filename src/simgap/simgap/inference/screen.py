@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from nermo_gap.core.effects.base import Effect
-from nermo_gap.core.fit import MANY, Fitter
-from nermo_gap.core.hypothesis import Fit
-from nermo_gap.core.nuisance import BOX
-from nermo_gap.core.preference import places
-from nermo_gap.core.windows import HORIZON
+from simgap.effects.base import Effect
+from simgap.inference.fit import MANY, Fitter
+from simgap.inference.hypothesis import Fit
+from simgap.inference.model_selection import places
+from simgap.inference.nuisance import BOX
+from simgap.simulation.windows import HORIZON
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

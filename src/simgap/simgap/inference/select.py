@@ -8,13 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.candidates import FAVOURITES, Candidates, Effort, Progress, by_score
-from nermo_gap.core.effects.base import Effect
-from nermo_gap.core.effects.growing import MIN_DURATION, Growing
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.hypothesis import Hypothesis
-from nermo_gap.core.nuisance import BOX
-from nermo_gap.core.preference import (
+from simgap.effects.base import Effect
+from simgap.effects.growing import MIN_DURATION, Growing
+from simgap.inference.candidates import FAVOURITES, Candidates, Effort, Progress, by_score
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Hypothesis
+from simgap.inference.model_selection import (
     EVIDENCE,
     EVIDENCE_MORE,
     FINALISTS,
@@ -25,8 +24,9 @@ from nermo_gap.core.preference import (
     simplest,
     stands_out,
 )
-from nermo_gap.core.scores import Scored, Scores
-from nermo_gap.core.screen import Screened
+from simgap.inference.nuisance import BOX
+from simgap.inference.scores import Scored, Scores
+from simgap.inference.screen import Screened
 
 Array = NDArray[np.float64]
 
@@ -108,7 +108,7 @@ class Selector:
             return result
         if winner is not None and earns(self.scores, reference, winner, len(self.effects)):
             singles, winner = self._followed(singles, winner, reference)
-            winner = self._shaken(winner)
+            winner = self._restarted(winner)
             result = self._forward(result, singles, winner, screened)
             if self.scores.typical(result.best.fit.held) > ENOUGH:
                 result = self._begun_elsewhere(result, screened)
@@ -137,9 +137,9 @@ class Selector:
         self._drop(found)
         return found
 
-    def _shaken(self, scored: Scored) -> Scored:
+    def _restarted(self, scored: Scored) -> Scored:
         """A winner that leaves much, begun anew from values about its own."""
-        return self.candidates.shaken(scored) if self.scores.typical(scored.fit.held) > ENOUGH else scored
+        return self.candidates.restarted(scored) if self.scores.typical(scored.fit.held) > ENOUGH else scored
 
     def _begun_elsewhere(self, result: Selection, screened: Sequence[Screened]) -> Selection:
         """The same with another first effect, where much is left: the first may only have imitated two others.
@@ -189,7 +189,7 @@ class Selector:
         if unrivalled:
             result.unrivalled |= {e.key for e in best.fit.hypothesis.effects} - present
         result.gains.append(self.scores.difference(base.fit, best.fit))
-        best = self._shaken(self.candidates.to_the_end(best))
+        best = self._restarted(self.candidates.to_the_end(best))
         pairs = sorted([best, *(p for p in pairs if p.fit.hypothesis is not best.fit.hypothesis)], key=by_score)
         result.best, result.rivals = best, pairs
         return True

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.hypothesis import Hypothesis
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Hypothesis
 
 Array = NDArray[np.float64]
 
 
-def seek(fitter: Fitter, hypothesis: Hypothesis, which: int, x: Array, z: Array, most: int) -> Array:
+def simplex_search(fitter: Fitter, hypothesis: Hypothesis, which: int, x: Array, z: Array, most: int) -> Array:
     """Parameters of a hypothesis of whose effect number ``which`` the last ones are not in ``x``.
 
     All of that effect are sought by true replays, with a simplex of ``most`` of them, from the best combination of the

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.effects.base import Effect
-from nermo_gap.core.effects.link import Late
-from nermo_gap.core.hypothesis import Fit
-from nermo_gap.core.link_fit import LinkFit, LinkFitter
-from nermo_gap.core.preference import EVIDENCE, EVIDENCE_MORE, UNEXPLAINED, by_chance, indistinct
-from nermo_gap.core.select import ENOUGH, Selection, Selector
-from nermo_gap.core.structure import REPEATS, predictable_share, repeating_share
+from simgap.effects.base import Effect
+from simgap.effects.link import Late
+from simgap.inference.hypothesis import Fit
+from simgap.inference.link_fit import LinkFit, LinkFitter
+from simgap.inference.model_selection import EVIDENCE, EVIDENCE_MORE, UNEXPLAINED, by_chance, indistinct
+from simgap.inference.select import ENOUGH, Selection, Selector
+from simgap.inference.structure import REPEATS, predictable_share, repeating_share
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.residual import Residuals
+from simgap.inference.residual import Residuals
 
 Array = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.hypothesis import Fit
-from nermo_gap.core.nuisance import BOX
-from nermo_gap.core.preference import FINALISTS, UNEXPLAINED, indistinct, special_case
-from nermo_gap.core.scores import Scored
-from nermo_gap.core.screen import angle, projected_response
-from nermo_gap.core.select import REPEATED, Selection, Selector
+from simgap.inference.hypothesis import Fit
+from simgap.inference.model_selection import FINALISTS, UNEXPLAINED, indistinct, special_case
+from simgap.inference.nuisance import BOX
+from simgap.inference.scores import Scored
+from simgap.inference.screen import angle, projected_response
+from simgap.inference.select import REPEATED, Selection, Selector
 
 Array = NDArray[np.float64]
 

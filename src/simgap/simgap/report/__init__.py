@@ -1,1 +1,1 @@
-"""The report of a diagnosis: one HTML page that needs nothing beside it."""
+"""What is shown: a diagnosis as a page to read, with its figures and sentences."""

@@ -13,7 +13,7 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from nermo_gap.report.style import AFTER, HEAT, INK, QUIET, UNSEEN
+from simgap.report.style import AFTER, HEAT, INK, QUIET, UNSEEN
 
 Array = NDArray[np.float64]
 Geom = mujoco.mjtGeom

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.diagnose import Diagnosis
-from nermo_gap.core.hypothesis import Hypothesis
+from simgap.analysis.diagnose import Diagnosis
+from simgap.inference.hypothesis import Hypothesis
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

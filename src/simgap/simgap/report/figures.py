@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from nermo_gap.report.drawing import draw_robot
-from nermo_gap.report.evidence import Evidence
-from nermo_gap.report.style import AFTER, BEFORE, COOL, HEAT, INK, LINE, MEASURED, QUIET, calm
+from simgap.report.drawing import draw_robot
+from simgap.report.evidence import Evidence
+from simgap.report.style import AFTER, BEFORE, COOL, HEAT, INK, LINE, MEASURED, QUIET, calm
 
 Array = NDArray[np.float64]
 Report = dict[str, Any]

@@ -9,11 +9,11 @@ from typing import Any
 import matplotlib
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
-from nermo_gap.core.errors import GapInputError
-from nermo_gap.report import figures
-from nermo_gap.report.evidence import Evidence
-from nermo_gap.report.sentences import meaning, number, percent, plain, sentences, title
-from nermo_gap.report.style import svg
+from simgap.data.errors import GapInputError
+from simgap.report import figures
+from simgap.report.evidence import Evidence
+from simgap.report.sentences import meaning, number, percent, plain, sentences, title
+from simgap.report.style import svg
 
 Report = dict[str, Any]
 
@@ -22,7 +22,7 @@ def page(report: Report, evidence: Evidence) -> str:
     """The whole page."""
     matplotlib.use("svg")
     environment = Environment(
-        loader=PackageLoader("nermo_gap", "report"),
+        loader=PackageLoader("simgap", "report"),
         undefined=StrictUndefined,
         autoescape=select_autoescape(default=True, default_for_string=True),
         trim_blocks=True,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from nermo_gap.core.library import effect_classes
-from nermo_gap.report.figures import subsystem_shares
+from simgap.effects.library import effect_classes
+from simgap.report.figures import subsystem_shares
 
 Report = dict[str, Any]
 

@@ -21,7 +21,7 @@ matplotlib.rcParams["svg.fonttype"] = "none"
 def svg(figure: Figure) -> str:
     """A figure as an SVG element, without the XML head, with the page's own type."""
     buffer = io.StringIO()
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "nermo_gap"}):
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "simgap"}):
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
     text = buffer.getvalue()
     return text[text.index("<svg") :].replace("font: ", "font-family: inherit; font: ")

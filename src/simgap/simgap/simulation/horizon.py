@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.variant import Variant
+from simgap.simulation.replay import Replayer
+from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.effects.contact import colliding
-from nermo_gap.core.plant import Plant
+from simgap.data.plant import Plant
+from simgap.simulation.contacts import colliding
 
 Array = NDArray[np.float64]
 

@@ -17,14 +17,14 @@ import numpy as np
 from mujoco import batch as mjbatch
 from numpy.typing import NDArray
 
-from nermo_gap.core.align import Aligned
-from nermo_gap.core.drive import Drive, Follow
-from nermo_gap.core.plant import Plant, euler_angles
-from nermo_gap.core.servo_step import LoadFriction, ServoStep, needs_friction_step
-from nermo_gap.core.signal_path import inverse_outputs, shape_inputs
-from nermo_gap.core.state import MeasuredState, measured_state
-from nermo_gap.core.variant import InputPath, OutputPath, Variant
-from nermo_gap.core.windows import Windows
+from simgap.data.align import Aligned
+from simgap.data.plant import Plant, euler_angles
+from simgap.simulation.drive import Drive, Follow
+from simgap.simulation.servo_step import LoadFriction, ServoStep, needs_friction_step
+from simgap.simulation.signal_path import inverse_outputs, shape_inputs
+from simgap.simulation.state import MeasuredState, measured_state
+from simgap.simulation.variant import InputPath, OutputPath, Variant
+from simgap.simulation.windows import Windows
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -2,16 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.align import Aligned
-from nermo_gap.core.effects.base import Scales
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.variant import Variant
+from simgap.data.align import Aligned
+from simgap.simulation.replay import Replayer
+from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scales:
+    """How strongly this recording moves the robot, from a nominal replay; gives effects a sense of size.
+
+    Per degree of freedom: ``torque`` and ``speed`` (root mean square), joint ``inertia``, and the range of motion from
+    ``low`` to ``high``. ``force`` is per actuator, ``input_rate`` per input: percentiles 60, 80, 95 of absolute values.
+    ``input_update`` [s] is the usual time between two changes of an input.
+    """
+
+    torque: Array
+    speed: Array
+    inertia: Array
+    low: Array
+    high: Array
+    force: Array
+    tendon_force: Array
+    input_rms: Array
+    input_rate: Array
+    input_update: Array
+    output_rms: Array
+    output_extreme: Array
 
 
 def measure_scales(replayer: Replayer, nominal: Variant) -> Scales:

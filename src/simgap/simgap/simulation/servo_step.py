@@ -9,8 +9,8 @@ import numpy as np
 from mujoco import batch as mjbatch
 from numpy.typing import NDArray
 
-from nermo_gap.core.plant import Plant
-from nermo_gap.core.variant import Variant
+from simgap.data.plant import Plant
+from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
 

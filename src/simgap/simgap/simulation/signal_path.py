@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.align import Aligned
-from nermo_gap.core.lateness import Lateness
-from nermo_gap.core.variant import InputPath, OutputPath
+from simgap.data.align import Aligned
+from simgap.simulation.lateness import Lateness
+from simgap.simulation.variant import InputPath, OutputPath
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs
 
-from nermo_gap.core.align import Aligned
-from nermo_gap.core.plant import Plant
+from simgap.data.align import Aligned
+from simgap.data.plant import Plant
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

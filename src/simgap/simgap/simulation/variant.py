@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.plant import Plant
+from simgap.data.plant import Plant
 
 Array = NDArray[np.float64]
 

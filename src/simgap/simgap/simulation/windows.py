@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_gap.core.align import Aligned
-from nermo_gap.core.errors import GapInputError
+from simgap.data.align import Aligned
+from simgap.data.errors import GapInputError
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -1,0 +1,1 @@
+"""The mouse in the blind check of simgap."""
