@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -33,6 +34,7 @@ class Parameter:
         tries: values to start from, weak to strong (an effect may have no slope at its neutral value).
         scale: the size of a noticeable change; also the step of finite differences, times a small factor.
         strong: distance from neutral of the strongest try.
+        log: whether it is a factor, which may be wrong by decades: steps and distances are those of its logarithm.
     """
 
     name: str
@@ -42,11 +44,20 @@ class Parameter:
     high: float
     tries: tuple[float, ...]
     scale: float
+    log: bool = False
 
     @property
     def strong(self) -> float:
-        """See above."""
-        return max(abs(t - self.neutral) for t in self.tries)
+        """See above; in the logarithm of a factor."""
+        return max(abs(self.away(t)) for t in self.tries)
+
+    def away(self, value: float) -> float:
+        """Distance of a value from neutral, with its sign; in the logarithm of a factor."""
+        return math.log(value / self.neutral) if self.log else value - self.neutral
+
+    def at(self, away: float) -> float:
+        """The value at a distance from neutral."""
+        return self.neutral * math.exp(away) if self.log else self.neutral + away
 
 
 @dataclass(frozen=True)
@@ -201,7 +212,7 @@ def amount(
 
 
 def ratio(
-    name: str = "factor", tries: Sequence[float] = (0.5, 0.75, 1.3, 1.8), low: float = 0.1, high: float = 5.0
+    name: str = "factor", tries: Sequence[float] = (0.5, 0.75, 1.3, 1.8), low: float = 0.002, high: float = 100.0
 ) -> Parameter:
-    """A dimensionless factor whose neutral value is 1."""
-    return Parameter(name, "1", 1.0, low, high, tuple(tries), 0.3)
+    """A dimensionless factor whose neutral value is 1; published models are wrong by factors of fifty."""
+    return Parameter(name, "1", 1.0, low, high, tuple(tries), 0.3, log=True)

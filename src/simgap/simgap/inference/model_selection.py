@@ -45,7 +45,7 @@ def indistinct(gain: float) -> float:
 
 def _extremities(fit: Fit) -> Array:
     """How far each parameter of a fit is from neutral, in its strongest try."""
-    away: Array = np.abs(fit.x - fit.hypothesis.vector("neutral")) / np.maximum(fit.hypothesis.vector("strong"), 1e-300)
+    away: Array = np.abs(fit.hypothesis.away(fit.x)) / np.maximum(fit.hypothesis.vector("strong"), 1e-300)
     return away
 
 
