@@ -34,7 +34,7 @@ def explain(
     keys = {
         "waterfall": waterfall(fitter, found, runs),
         "calibration": calibration(fitter, best),
-        "remainder": describe(fitter.residuals, best.residual, gap["before"], gap["after"], predictable),
+        "remainder": describe(fitter.residuals, best.residual, gap, predictable),
         "free_running": told(runs, plant, [n for n in NAMES if any(m.name == n for m in run)]),
     }
     return keys, runs

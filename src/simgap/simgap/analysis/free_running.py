@@ -152,7 +152,9 @@ def _free_run(fitter: Fitter, models: Sequence[Model], run: Run, seed: int) -> F
     measured, simulated = measured_of(whole), whole.run(variants)
     start_error = _start_error(whole, variants[-1], simulated[-1], seed)
     spread = by_channel(plant, measured, _middle(measured))
-    lost = any(start_error[name] > _LOST * size > 0.0 for name, size in spread.items())
+    start_error = {name: start_error.get(name, float("nan")) for name in spread}
+    lost = bool(np.isnan(simulated[-1]).any())
+    lost |= any(start_error[name] > _LOST * size > 0.0 for name, size in spread.items())
     replayer, errors = whole, {}
     if lost and stop - begin > 1.5 * STRETCH / period:
         replayer = _replayer(base, begin, stop, round(STRETCH / period))
@@ -165,7 +167,7 @@ def _free_run(fitter: Fitter, models: Sequence[Model], run: Run, seed: int) -> F
         measured,
         {m.name: s for m, s in zip(models, simulated, strict=True)},
         seen,
-        {name: start_error[name] for name in spread},
+        start_error,
         errors,
         run.stop > stop,
     )
@@ -247,8 +249,8 @@ def _notes(run: FreeRun, name: str) -> list[str]:
     notes = []
     if run.chaotic:
         notes.append(
-            f"an error of the start that no sensor shows grows to a good part of the motion, so that the run is "
-            f"begun anew every {STRETCH:g} s"
+            "an error of the start that no sensor shows grows to a good part of the motion, or the model breaks down "
+            f"on the way: the run is begun anew at the measurement every {STRETCH:g} s"
         )
     if run.cut_short:
         notes.append(f"the first {LONGEST:g} s of the run")

@@ -25,9 +25,7 @@ _MOST = 16
 def calibration(fitter: Fitter, fit: Fit) -> list[dict[str, Any]]:
     """``calibration`` of the report for a cross-validated fit; the numbers that explain most come first.
 
-    ``gap_share`` is the part of the gap's power (beyond the noise floor, held-out windows) that a number explains on
-    the way from the nominal model to the fit on which all numbers and effects move together: shares of numbers that
-    work against each other may be negative, and with those of the effects they add up to what the fit explains.
+    ``gap_share`` is the part of the gap that a number explains, see `gap_shares`.
     """
     deviation = nuisance_deviation(fitter, fit)
     low, high = (np.clip(fit.z + side * _NORMAL_90 * deviation, -BOX, BOX) for side in (-1.0, 1.0))
@@ -54,15 +52,20 @@ def calibration(fitter: Fitter, fit: Fit) -> list[dict[str, Any]]:
 
 
 def gap_shares(fitter: Fitter, fit: Fit, which: list[int]) -> list[float]:
-    """Share of the gap's power that each of the nuisances ``which`` explains.
+    """Share of the gap that each of the nuisances ``which`` explains, on the way from the nominal model to the fit.
 
-    With the residual r0 of the nominal model and r1 of the fit, |r0|^2 - |r1|^2 = (r0 + r1) (r0 - r1), and r0 - r1 is the
-    sum of what each number changes: to second order the difference that it makes about the middle of the way.
+    Numbers and effects all move along a straight line. With the residual r0 of the nominal model and r1 of the fit,
+    |r0|^2 - |r1|^2 = (r0 + r1) (r0 - r1), and r0 - r1 is the sum of what each of them changes: to second order the
+    difference that it makes about the middle of the way. Shares of numbers that work against each other may be negative;
+    with those of the effects they add up to what the fit explains. Windows and channels count by their own gap, so that
+    one that is far off does not hide the rest; of held-out windows.
     """
     held, rest = fitter.windows.fold >= 0, np.zeros_like(fit.z)
-    nominal = fitter.replay(Hypothesis(), [(np.zeros(0), rest)])[0][held]
-    both = nominal + fitter.replay(fit.hypothesis, [(fit.x, fit.z)])[0][held]
-    power = float((nominal**2).sum()) - float(fitter.residuals.mask[held].sum())
+    nominal = fitter.replay(Hypothesis(), [(np.zeros(0), rest)])[0]
+    square = fitter.mean_square(nominal)
+    weight = (np.where(fitter.recorded, 1.0 / (1.0 + square), 0.0) / fitter.count)[held][:, None, :]
+    both = (nominal + fitter.replay(fit.hypothesis, [(fit.x, fit.z)])[0])[held]
+    power = float((weight * nominal[held] ** 2).sum()) - float((weight * fitter.residuals.mask[held]).sum())
     neutral = fit.hypothesis.scaled(fit.hypothesis.vector("neutral"))
     middle_x = fit.hypothesis.values(0.5 * (neutral + fit.hypothesis.scaled(fit.x)))
     shares = []
@@ -70,7 +73,7 @@ def gap_shares(fitter: Fitter, fit: Fit, which: list[int]) -> list[float]:
         ends = np.tile(0.5 * fit.z, (2, 1))
         ends[:, i] = 0.0, fit.z[i]
         before, after = fitter.replay(fit.hypothesis, [(middle_x, z) for z in ends])
-        shares.append(float((both * (before - after)[held]).sum()) / power if power > 0.0 else 0.0)
+        shares.append(float((weight * both * (before - after)[held]).sum()) / power if power > 0.0 else 0.0)
     return shares
 
 

@@ -26,6 +26,8 @@ GOES, MAINLY = 0.1, 0.5
 """Shares of what is left from which on a variable is named, and from which on it is most of it."""
 NEAR_FLOOR = 1.2
 """[noise floors] Nothing is said about what goes with less: it is the sensors' own."""
+_APART = 20.0
+"""[%] by which the share of a typical window differs when it is told."""
 
 HINTS = {
     "direction of motion": "friction or play",
@@ -52,27 +54,33 @@ class Variable:
     beside: Array
 
 
-def describe(
-    residuals: Residuals, residual: Array, before: float, after: float, predictable: float
-) -> dict[str, Any]:
+def describe(residuals: Residuals, residual: Array, gap: dict[str, Any], predictable: float) -> dict[str, Any]:
     """``remainder`` of the report.
 
-    ``residual`` (nw, ns, nl) is what the best hypothesis leaves, ``before`` and ``after`` are held-out gaps in noise
-    floors, ``predictable`` is the share of what is left that a flexible regression predicts.
+    ``residual`` (nw, ns, nl) is what the best hypothesis leaves, ``gap`` is that key of the report, ``predictable`` is
+    the share of what is left that a flexible regression predicts. ``share_typical`` is the share of a typical window,
+    which a few windows that are far off do not move.
     """
-    share = max(after**2 - 1.0, 0.0) / max(before**2 - 1.0, after**2 - 1.0, 1e-9)
     shares = sorted(shares_of(residuals, residual), key=lambda pair: -pair[1])
     found: dict[str, Any] = {
-        "share": share,
+        "share": share_left(gap["before"], gap["after"]),
+        "share_typical": share_left(gap["typical"]["before"], gap["typical"]["after"]),
         "predictable_share": predictable,
         "goes_with": [{"variable": v.name, "kind": v.kind, "share": s} for v, s in shares[:_MOST] if s > 0.01],
     }
-    return found | {"sentence": sentence(found, after)}
+    return found | {"sentence": sentence(found, gap["after"])}
+
+
+def share_left(before: float, after: float) -> float:
+    """Share (0 to 1) of the gap's power beyond the noise floor that is left, from gaps in noise floors."""
+    return max(after**2 - 1.0, 0.0) / max(before**2 - 1.0, after**2 - 1.0, 1e-9)
 
 
 def sentence(remainder: dict[str, Any], after: float) -> str:
     """What is left, in one sentence."""
-    left = f"What is left is {100 * remainder['share']:.0f} % of the gap's power ({after:.1f} noise floors)"
+    share, typical = 100.0 * remainder["share"], 100.0 * remainder["share_typical"]
+    apart = f"; {typical:.0f} % in a typical window" if abs(share - typical) > _APART else ""
+    left = f"What is left is {share:.0f} % of the gap's power ({after:.1f} noise floors{apart})"
     if after < NEAR_FLOOR:
         return f"What is left is {after:.1f} noise floors, about what repeating the experiment would leave."
     rows = [row for row in remainder["goes_with"] if row["share"] >= GOES]
