@@ -49,9 +49,9 @@ def by_channel(plant: Plant, measured: Array, simulated: Array) -> dict[str, flo
     NaN (null in a file) where all of a channel's samples are lost, as those of a simulation that broke down are.
     """
     count = len(plant.outputs)
-    told = np.isfinite(measured).reshape(-1, count).any(axis=0)
+    told: NDArray[np.bool_] = np.asarray(np.isfinite(measured).reshape(-1, count).any(axis=0))
     error = difference(plant, measured, simulated).reshape(-1, count)
-    ok = np.isfinite(error)
+    ok: NDArray[np.bool_] = np.isfinite(error)
     square = np.where(ok, error, 0.0) ** 2
     root = np.sqrt(np.where(ok.any(axis=0), square.sum(axis=0) / np.maximum(ok.sum(axis=0), 1), np.nan))
     return {channel.name: float(root[i]) for i, channel in enumerate(plant.outputs) if told[i]}

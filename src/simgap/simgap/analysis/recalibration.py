@@ -56,9 +56,9 @@ def gap_shares(fitter: Fitter, fit: Fit, which: list[int]) -> list[float]:
 
     Numbers and effects all move along a straight line. With the residual r0 of the nominal model and r1 of the fit,
     |r0|^2 - |r1|^2 = (r0 + r1) (r0 - r1), and r0 - r1 is the sum of what each of them changes: to second order the
-    difference that it makes about the middle of the way. Shares of numbers that work against each other may be negative;
-    with those of the effects they add up to what the fit explains. Windows and channels count by their own gap, so that
-    one that is far off does not hide the rest; of held-out windows.
+    difference that it makes about the middle of the way. Shares of numbers that work against each other may be
+    negative; with those of the effects they add up to what the fit explains. Held-out windows and channels count by
+    their own gap, so that one that is far off does not hide the rest.
     """
     held, rest = fitter.windows.fold >= 0, np.zeros_like(fit.z)
     nominal = fitter.replay(Hypothesis(), [(np.zeros(0), rest)])[0]

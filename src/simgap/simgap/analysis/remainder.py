@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -85,9 +86,7 @@ def sentence(remainder: dict[str, Any], after: float) -> str:
         return f"What is left is {after:.1f} noise floors, about what repeating the experiment would leave."
     rows = [row for row in remainder["goes_with"] if row["share"] >= GOES]
     if not rows:
-        return (
-            f"{left}; it goes with nothing that was recorded: look for what acts from outside, or for many small causes."
-        )
+        return f"{left}; it goes with nothing that was recorded: look for what acts from outside, or for small causes."
     first = rows[0]
     amount = "most of it goes" if first["share"] >= MAINLY else f"{100 * first['share']:.0f} % of it goes"
     hint = HINTS.get(first["kind"], "what it changes in the robot")
@@ -161,9 +160,10 @@ def _loads(residuals: Residuals) -> dict[str, Array]:
         values, name = aligned.inputs[:, i], channel.name
         if channel.kind == "position":
             joint = int(plant.model.actuator_trnid[channel.actuator, 0])
-            at = np.flatnonzero(state.qpos == plant.model.jnt_qposadr[joint]) if joint < plant.model.njnt else []
-            hinge = plant.model.actuator_trntype[channel.actuator] == 0
-            if not hinge or not len(at):
+            if plant.model.actuator_trntype[channel.actuator] != mujoco.mjtTrn.mjTRN_JOINT:
+                continue
+            at = np.flatnonzero(state.qpos == plant.model.jnt_qposadr[joint])
+            if not len(at):
                 continue
             gear = float(plant.model.actuator_gear[channel.actuator, 0])
             values = values / gear - state.position[:, int(at[0])]
@@ -174,7 +174,7 @@ def _loads(residuals: Residuals) -> dict[str, Array]:
 def _hats(values: Array, rows: NDArray[np.int64], count: int) -> Array:
     """Tent functions (*rows.shape, count) over the range of values (n,): a binned variable without steps."""
     low, high = np.percentile(values[rows], [1.0, 99.0])
-    at = np.clip((values - low) / max(high - low, 1e-12), 0.0, 1.0) * (count - 1)
+    at: Array = np.clip((values - low) / max(high - low, 1e-12), 0.0, 1.0) * (count - 1)
     hats: Array = np.maximum(1.0 - np.abs(at[:, None] - np.arange(count)), 0.0)[rows]
     return hats
 
@@ -201,9 +201,7 @@ def _regular(residuals: Residuals, target: Array, groups: NDArray[np.int64]) -> 
 # -- regression --------------------------------------------------------------------------------------------------------
 
 
-def _explained(
-    residuals: Residuals, force: Array, target: Array, groups: NDArray[np.int64], thin: int = 1
-) -> float:
+def _explained(residuals: Residuals, force: Array, target: Array, groups: NDArray[np.int64], thin: int = 1) -> float:
     """Share of the target's power (nw, ns, nl) that ridge regression predicts in blocks that it has not seen.
 
     A force that the model lacks shows in a window as its double integral from the window's start.

@@ -98,9 +98,8 @@ def _in_windows(fitter: Fitter, model: Model) -> tuple[dict[str, float], int]:
         # The model of every window is that of its moment.
         middle = fitter.windows.start[held] + 0.5 * fitter.windows.length
         moments = (middle - 0.5 * (middle.min() + middle.max())) * replayer.aligned.period
-        variants = [
-            fitter.variant(model.hypothesis, *values[w], float(m)) for w, m in zip(which, moments, strict=True)
-        ]
+        each = [(*values[w], float(m)) for w, m in zip(which, moments, strict=True)]
+        variants = [fitter.variant(model.hypothesis, x, z, moment) for x, z, moment in each]
         which = np.arange(len(held))
     else:
         variants = [fitter.variant(model.hypothesis, x, z) for x, z in values]

@@ -112,9 +112,9 @@ def enumerate_nuisances(plant: Plant, output_swing: Array, input_size: Array, pe
         if len(group) == 1:
             # How far the mass lies from where the body hangs is no better known than how far it spreads.
             size = float(np.hypot(gyration(model, group[0]), 0.5 * np.linalg.norm(model.body_ipos[group[0]])))
-            for i, a in enumerate("xyz"):
-                number = Number(f"com {a}", label, float(model.body_ipos[group[0], i]), COM * size, "m", False)
-                found.append(Nuisance(f"com {label} {a}", _com(group[0], i, COM * size), number))
+            for axis, letter in enumerate("xyz"):
+                number = Number(f"com {letter}", label, float(model.body_ipos[group[0], axis]), COM * size, "m", False)
+                found.append(Nuisance(f"com {label} {letter}", _com(group[0], axis, COM * size), number))
             number = Number("inertia", label, float(model.body_inertia[group[0]].max()), INERTIA, "kg m^2")
             found.append(Nuisance(f"inertia {label}", _field("body_inertia", group, INERTIA), number))
     for field, label in (
@@ -126,8 +126,8 @@ def enumerate_nuisances(plant: Plant, output_swing: Array, input_size: Array, pe
         ("tendon_frictionloss", "tendon friction"),
         ("dof_armature", "armature"),
     ):
-        for i in np.flatnonzero(getattr(model, field) > 0):
-            found.append(Nuisance(f"{label} {i}", _field(field, [int(i)], PASSIVE), passive(model, field, int(i))))
+        for row in np.flatnonzero(getattr(model, field) > 0).tolist():
+            found.append(Nuisance(f"{label} {row}", _field(field, [row], PASSIVE), passive(model, field, row)))
     if semi_implicit(model):
         number = Number("inertia that a time step adds and the robot lacks", "", 0.0, STEP, "1", False)
         found.append(Nuisance("time step", _continuous(step_inertia(model)), number))

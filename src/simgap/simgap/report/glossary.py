@@ -18,7 +18,7 @@ GLOSSARY: tuple[tuple[str, str], ...] = (
     ("fit everything", "every number of the model freed at once, without tolerances and without causes"),
     ("nats", "units of evidence: a lead of n nats makes the data e to the n times likelier; 3 are twentyfold, 7 a "
      "thousandfold"),
-    ("90 %", "an interval that holds the true value nine times in ten, as far as the model and its tolerances are right"),
+    ("90 %", "an interval that holds the true value nine times in ten, as far as model and tolerances are right"),
     ("share of the gap", "part of its power, the square of the gap beyond the noise floor"),
 )  # fmt: skip
 """(word, what it means), in the order in which a reader meets them."""
