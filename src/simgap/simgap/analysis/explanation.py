@@ -30,11 +30,12 @@ def explain(
         run.insert(0, Model.everything(fitter, everything))
     runs = free_runs(fitter, run, seed)
     best = selection.best.fit
+    diagnosed = fitter.variant(best.hypothesis, best.x, best.z)
     predictable = report["unexplained_predictable_share"]
     keys = {
         "waterfall": waterfall(fitter, found, runs),
         "calibration": calibration(fitter, best),
-        "remainder": describe(fitter.residuals, best.residual, gap, predictable),
+        "remainder": describe(fitter.residuals, diagnosed, best.residual, gap, predictable),
         "free_running": told(runs, plant, [n for n in NAMES if any(m.name == n for m in run)]),
     }
     return keys, runs

@@ -48,7 +48,7 @@ def calibration(fitter: Fitter, fit: Fit) -> list[dict[str, Any]]:
                 "at_limit": bool(abs(fit.z[i]) >= AT_LIMIT * BOX),
             }
         )
-    return sorted(rows, key=lambda row: -abs(float(str(row["gap_share"]))))
+    return sorted(rows, key=lambda row: -float(str(row["gap_share"])))
 
 
 def gap_shares(fitter: Fitter, fit: Fit, which: list[int]) -> list[float]:

@@ -9,13 +9,15 @@ from typing import Any
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import toeplitz
 
 from simgap.inference.residual import Residuals
+from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
 
-_BINS, _SLOW_BINS = 8, 5
-"""Of a joint's position or load; of what changes slowly (a temperature, a voltage, the time)."""
+_BINS = 8
+"""Of a joint's position or load."""
 _RIDGE = 1e-3
 """Of the regression, as a share of its features' power: enough that empty bins do no harm."""
 _GROUPS = 4
@@ -27,6 +29,8 @@ GOES, MAINLY = 0.1, 0.5
 """Shares of what is left from which on a variable is named, and from which on it is most of it."""
 NEAR_FLOOR = 1.2
 """[noise floors] Nothing is said about what goes with less: it is the sensors' own."""
+_SMALL, _BRISK = 1e-3, 0.05
+"""Share of the force that brings a joint to its usual speed within so many seconds, by which a response is tried."""
 _APART = 20.0
 """[%] by which the share of a typical window differs when it is told."""
 
@@ -44,29 +48,33 @@ HINTS = {
 
 @dataclass(frozen=True)
 class Variable:
-    """Something that what is left may go with: its features (nw, length, k) as forces in every row of the windows.
+    """Something that what is left may go with: forces (or offsets of a sensor) that are functions of it.
 
-    Its share is what it predicts beyond ``beside`` (nw, length, k): what would predict as much without it.
+    ``parts`` are (force (nw, ns, k) at the compared samples, joint at which it acts) pairs, with joints as positions in
+    the measured state.
     """
 
     kind: str
     name: str
-    force: Array
-    beside: Array
+    parts: tuple[tuple[Array, int], ...]
 
 
-def describe(residuals: Residuals, residual: Array, gap: dict[str, Any], predictable: float) -> dict[str, Any]:
+def describe(
+    residuals: Residuals, variant: Variant, residual: Array, gap: dict[str, Any], predictable: float
+) -> dict[str, Any]:
     """``remainder`` of the report.
 
-    ``residual`` (nw, ns, nl) is what the best hypothesis leaves, ``gap`` is that key of the report, ``predictable`` is
-    the share of what is left that a flexible regression predicts. ``share_typical`` is the share of a typical window,
-    which a few windows that are far off do not move.
+    ``residual`` (nw, ns, nl) is what the best hypothesis, ``variant``, leaves; ``gap`` is that key of the report;
+    ``predictable`` is the share of what is left that a flexible regression predicts (that of the variables below, where
+    it is larger, is reported). ``share_typical`` is the share of a typical window, which a few windows that are far off
+    do not move.
     """
-    shares = sorted(shares_of(residuals, residual), key=lambda pair: -pair[1])
+    found_shares, together = shares_of(residuals, variant, residual)
+    shares = sorted(found_shares, key=lambda pair: -pair[1])
     found: dict[str, Any] = {
         "share": share_left(gap["before"], gap["after"]),
         "share_typical": share_left(gap["typical"]["before"], gap["typical"]["after"]),
-        "predictable_share": predictable,
+        "predictable_share": max(predictable, together),
         "goes_with": [{"variable": v.name, "kind": v.kind, "share": s} for v, s in shares[:_MOST] if s > 0.01],
     }
     return found | {"sentence": sentence(found, gap["after"])}
@@ -96,136 +104,212 @@ def sentence(remainder: dict[str, Any], after: float) -> str:
     return f"{left}; {amount} with {first['variable']}{beside}, so look for {hint}."
 
 
-def shares_of(residuals: Residuals, residual: Array) -> list[tuple[Variable, float]]:
-    """Share (0 to 1) of the residual's power that each variable predicts in blocks that were not fitted."""
-    windows = residuals.replayer.windows
-    groups = windows.block % _GROUPS
-    # A window that is far off counts no more than others.
-    target = residual / np.sqrt(1.0 + (residual**2).mean(axis=1, keepdims=True))
-    found = []
-    known: dict[int, float] = {}
-    for variable in [*_variables(residuals), *_regular(residuals, target, groups)]:
-        plain = known.get(id(variable.beside))
-        if plain is None:
-            plain = known[id(variable.beside)] = _explained(residuals, variable.beside, target, groups)
-        both = np.concatenate([variable.beside, variable.force], axis=-1)
-        share = _explained(residuals, both, target, groups) - max(plain, 0.0)
-        found.append((variable, float(np.clip(share, 0.0, 1.0))))
-    return found
+def shares_of(residuals: Residuals, variant: Variant, residual: Array) -> tuple[list[tuple[Variable, float]], float]:
+    """Share (0 to 1) of the residual's power that each variable predicts in blocks that were not fitted; the best three
+    together.
+
+    Beyond a steady force at every joint; what changes slowly beyond what direction and load predict without it; what
+    comes at regular times beyond the three best others, for commands may be regular too.
+    """
+    design = _Design(residuals, variant, residual)
+    if not design.joints:
+        return [], 0.0
+    steady, moving, slow = _variables(residuals)
+    alone = max(design.explained([steady]), 0.0)
+    found = [(steady, alone)] + [(v, design.explained([steady, v]) - alone) for v in moving]
+    base = [steady, *(v for v in moving if v.kind in ("direction of motion", "load"))]
+    without = max(design.explained(base), 0.0) if slow else 0.0
+    found += [(v, design.explained([*base, v]) - without) for v in slow]
+    best = [v for v, share in sorted(found, key=lambda pair: -pair[1])[:3] if share > 0.0 and v is not steady]
+    together = max(design.explained([steady, *best]), 0.0)
+    if (regular := design.regular()) is not None:
+        found.append((regular, design.explained([steady, *best, regular]) - together))
+    return [(v, float(np.clip(share, 0.0, 1.0))) for v, share in found], together
 
 
 # -- variables ---------------------------------------------------------------------------------------------------------
 
 
-def _variables(residuals: Residuals) -> list[Variable]:
+def _variables(residuals: Residuals) -> tuple[Variable, list[Variable], list[Variable]]:
+    """A steady force; what moves with the robot; what changes slowly."""
     replayer = residuals.replayer
-    windows, state, aligned, model = replayer.windows, replayer.state, replayer.aligned, replayer.plant.model
-    rows = windows.start[:, None] + np.arange(windows.length)
-    one = np.ones((*rows.shape, 1))
-    found = [Variable("steady offset", "a steady offset or force", one, one[..., :0])]
-    signs, loads = [], []
+    state, aligned, model = replayer.state, replayer.aligned, replayer.plant.model
+    rows = replayer.windows.rows()
+    joints, one = range(len(state.dof)), np.ones((*rows.shape, 1))
+    steady = Variable("steady offset", "a steady offset or force", tuple((one, j) for j in joints))
+    moving, parts = [], list(steady.parts)
+    loads = _loads(residuals)
     for j, dof in enumerate(state.dof):
         joint = model.joint(int(model.dof_jntid[dof])).name or f"joint {model.dof_jntid[dof]}"
         rate = state.velocity[:, j] / max(float(state.velocity[:, j].std()), 1e-12)
         sign = np.tanh(10.0 * rate)[rows][..., None]
-        signs.append(sign)
-        found.append(Variable("direction of motion", f"the direction of motion at {joint}", sign, one))
+        parts.append((sign, j))
+        moving.append(Variable("direction of motion", f"the direction of motion at {joint}", ((sign, j),)))
         speed = np.stack([rate, rate * np.abs(rate)], -1)[rows]
-        found.append(Variable("speed", f"the speed at {joint}", speed, one))
+        moving.append(Variable("speed", f"the speed at {joint}", ((speed, j),)))
         if state.qpos[j] >= 0:
-            found.append(
-                Variable("position", f"the position of {joint}", _hats(state.position[:, j], rows, _BINS), one)
-            )
-    for name, load in _loads(residuals).items():
-        loads.append((load / max(float(load.std()), 1e-12))[rows][..., None])
-        found.append(Variable("load", f"the load at {name}", _hats(load, rows, _BINS), one))
-    # What changes slowly shows in how much else counts.
-    base = np.concatenate([one, *signs, *loads], axis=-1)
-    slow = {f"the {name}": ("auxiliary", values) for name, values in aligned.auxiliary.items()}
-    slow["time"] = ("time", aligned.time)
-    for name, (kind, values) in slow.items():
-        if np.isfinite(values).all() and float(np.ptp(values)) > 0.0:
-            hats = _hats(values, rows, _SLOW_BINS)
-            mixed = (hats[..., :, None] * base[..., None, :]).reshape(*rows.shape, -1)
-            found.append(Variable(kind, name, mixed, base))
-    return found
+            hats = _hats(state.position[:, j], rows, _BINS)
+            moving.append(Variable("position", f"the position of {joint}", ((hats, j),)))
+        if j in loads:
+            parts.append(((loads[j] / max(float(loads[j].std()), 1e-12))[rows][..., None], j))
+            moving.append(Variable("load", f"the load at {joint}", ((_hats(loads[j], rows, _BINS), j),)))
+    slow = []
+    for name, values in {**{f"the {n}": v for n, v in aligned.auxiliary.items()}, "time": aligned.time}.items():
+        if not np.isfinite(values).all() or not float(np.ptp(values[rows])) > 0.0:
+            continue
+        # It shows in how much all else counts: friction that a warm gear loses.
+        level = (values - values[rows].mean()) / values[rows].std()
+        levels = np.stack([level, level**2], -1)[rows]
+        kind = "time" if name == "time" else "auxiliary"
+        slow.append(Variable(kind, name, tuple((levels * force, j) for force, j in parts)))
+    return steady, moving, slow
 
 
-def _loads(residuals: Residuals) -> dict[str, Array]:
-    """Load (n,) by name: of a position servo commanded minus measured, of other inputs the input itself."""
+def _loads(residuals: Residuals) -> dict[int, Array]:
+    """Load (n,) by joint: of a position servo commanded minus measured, of other inputs the input itself."""
     replayer = residuals.replayer
     plant, aligned, state = replayer.plant, replayer.aligned, replayer.state
-    found: dict[str, Array] = {}
+    model, found = plant.model, dict[int, Array]()
     for i, channel in enumerate(plant.inputs):
-        values, name = aligned.inputs[:, i], channel.name
-        if channel.kind == "position":
-            joint = int(plant.model.actuator_trnid[channel.actuator, 0])
-            if plant.model.actuator_trntype[channel.actuator] != mujoco.mjtTrn.mjTRN_JOINT:
+        dof = channel.dof
+        if channel.actuator >= 0:
+            if model.actuator_trntype[channel.actuator] != mujoco.mjtTrn.mjTRN_JOINT:
                 continue
-            at = np.flatnonzero(state.qpos == plant.model.jnt_qposadr[joint])
-            if not len(at):
-                continue
-            gear = float(plant.model.actuator_gear[channel.actuator, 0])
-            values = values / gear - state.position[:, int(at[0])]
-        found[name] = values
+            dof = int(model.jnt_dofadr[model.actuator_trnid[channel.actuator, 0]])
+        for j in np.flatnonzero(state.dof == dof).tolist():
+            values = aligned.inputs[:, i]
+            if channel.kind == "position" and channel.actuator >= 0:
+                values = values / float(model.actuator_gear[channel.actuator, 0]) - state.position[:, j]
+            found[j] = values
     return found
 
 
 def _hats(values: Array, rows: NDArray[np.int64], count: int) -> Array:
     """Tent functions (*rows.shape, count) over the range of values (n,): a binned variable without steps."""
     low, high = np.percentile(values[rows], [1.0, 99.0])
-    at: Array = np.clip((values - low) / max(high - low, 1e-12), 0.0, 1.0) * (count - 1)
+    at = np.clip((values - low) / max(high - low, 1e-12), 0.0, 1.0) * (count - 1)
     hats: Array = np.maximum(1.0 - np.abs(at[:, None] - np.arange(count)), 0.0)[rows]
     return hats
-
-
-def _regular(residuals: Residuals, target: Array, groups: NDArray[np.int64]) -> list[Variable]:
-    """The one frequency of which most comes at regular times, whatever the robot does."""
-    windows, aligned = residuals.replayer.windows, residuals.replayer.aligned
-    rows = windows.start[:, None] + np.arange(windows.length)
-    time, one = rows * aligned.period, np.ones((*rows.shape, 1))
-    fastest = min(_FASTEST, 0.25 / aligned.period)
-    frequencies = np.arange(_SLOWEST, fastest, 0.5 / max(aligned.duration, 1.0))
-    thin = max(target.shape[1] // 24, 1)
-    best: tuple[float, Variable | None] = (0.0, None)
-    for frequency in frequencies:
-        phase = 2.0 * np.pi * frequency * time
-        waves = np.stack([np.cos(phase), np.sin(phase)], -1)
-        share = _explained(residuals, np.concatenate([one, waves], -1), target, groups, thin)
-        if share > best[0]:
-            name = f"regular times ({frequency:.2g} times a second)"
-            best = (share, Variable("regular times", name, waves, one))
-    return [best[1]] if best[1] is not None else []
 
 
 # -- regression --------------------------------------------------------------------------------------------------------
 
 
-def _explained(residuals: Residuals, force: Array, target: Array, groups: NDArray[np.int64], thin: int = 1) -> float:
-    """Share of the target's power (nw, ns, nl) that ridge regression predicts in blocks that it has not seen.
+class _Design:
+    """Regression of what is left on forces at joints, which show as the model's own response to them.
 
-    A force that the model lacks shows in a window as its double integral from the window's start.
+    The response of every channel to a small steady force at a joint is simulated in all windows; its mean is taken for
+    that of a linear system, whose response to any force is the convolution. A sensor's offset shows in its own channel.
     """
-    windows = residuals.replayer.windows
-    if not force.shape[-1]:
-        return 0.0
-    once = np.cumsum(force, axis=1) / windows.length
-    twice = np.cumsum(once, axis=1) / windows.length
-    features = np.concatenate([force, once, twice], axis=-1)[:, windows.sample[::thin]]
-    features = features / np.maximum(np.sqrt((features**2).mean(axis=(0, 1))), 1e-9)
-    target = target[:, ::thin]
-    names: Sequence[int] = np.unique(groups).tolist()
-    products, pulls, missed = {}, {}, 0.0
-    for g in names:
-        a, b = features[groups == g].reshape(-1, features.shape[-1]), target[groups == g].reshape(-1, target.shape[-1])
-        products[g], pulls[g] = a.T @ a, a.T @ b
-    if len(names) < 2:
-        return 0.0
-    total, pull = sum(products.values()), sum(pulls.values())
-    for g in names:
-        normal = total - products[g]
-        ridge = _RIDGE * np.trace(normal) / len(normal) * np.eye(len(normal))
-        weights = np.linalg.solve(normal + ridge, pull - pulls[g])
-        b = target[groups == g]
-        missed += float(((b - features[groups == g] @ weights) ** 2).sum())
-    return 1.0 - missed / max(float((target**2).sum()), 1e-12)
+
+    def __init__(self, residuals: Residuals, variant: Variant, residual: Array) -> None:
+        self._residuals = residuals
+        windows = residuals.replayer.windows
+        self._groups = windows.block % _GROUPS
+        # A window that is far off counts no more than others.
+        self._weight = 1.0 / np.sqrt(1.0 + (residual**2).mean(axis=1, keepdims=True))
+        self._target = residual * self._weight
+        self._power = max(float((self._target**2).sum()), 1e-12)
+        self._impulse = _impulse_responses(residuals, variant)
+        self.joints = len(self._impulse)
+        self._made: dict[int, Array] = {}
+
+    def explained(self, variables: Sequence[Variable]) -> float:
+        """Share of the power that the variables together predict in groups of blocks that were left out."""
+        features = np.concatenate([self._features(v) for v in variables])
+        products, pulls = {}, {}
+        groups = np.unique(self._groups).tolist()
+        if len(groups) < 2:
+            return 0.0
+        for g in groups:
+            a = features[:, self._groups == g].reshape(len(features), -1)
+            products[g], pulls[g] = a @ a.T, a @ self._target[self._groups == g].reshape(-1)
+        total, pull, missed = sum(products.values()), sum(pulls.values()), 0.0
+        for g in groups:
+            normal = total - products[g]
+            ridge = _RIDGE * np.diag(np.maximum(np.diag(normal), 1e-9 * max(float(np.trace(normal)), 1e-300)))
+            weights = np.linalg.solve(normal + ridge, pull - pulls[g])
+            inside = self._groups == g
+            missed += float(((self._target[inside] - np.tensordot(weights, features[:, inside], 1)) ** 2).sum())
+        return 1.0 - missed / self._power
+
+    def _features(self, variable: Variable) -> Array:
+        """(k, nw, ns, nl): what each of the variable's forces does to all channels, whitened as the residual is."""
+        if id(variable) not in self._made:
+            made = [self._of(force, joint) for force, joint in variable.parts]
+            self._made[id(variable)] = np.concatenate(made)
+        return self._made[id(variable)]
+
+    def _of(self, force: Array, joint: int) -> Array:
+        residuals = self._residuals
+        plant, state = residuals.replayer.plant, residuals.replayer.state
+        impulse, count = self._impulse[joint], force.shape[-1]
+        found = np.zeros((2 * count, *residuals.mask.shape))
+        for c, channel in enumerate(residuals.live):
+            spread = toeplitz(impulse[:, c], np.zeros(len(impulse)))
+            found[:count, ..., c] = np.moveaxis(spread @ force, -1, 0)
+            if plant.outputs[channel].qpos >= 0 and plant.outputs[channel].qpos == state.qpos[joint]:
+                found[count:, ..., c] = np.moveaxis(force, -1, 0)
+        found = found / residuals.replayer.floor[residuals.live]
+        kept = found[np.abs(found).reshape(2 * count, -1).max(axis=1) > 0.0]
+        return residuals.whiten(np.where(residuals.mask, kept, 0.0)) * self._weight
+
+    def regular(self) -> Variable | None:
+        """Something at the one frequency that predicts most, whatever the robot does."""
+        windows, aligned = self._residuals.replayer.windows, self._residuals.replayer.aligned
+        time = windows.rows() * aligned.period
+        thin = max(time.shape[1] // 24, 1)
+        best, found = 0.0, None
+        flat = np.ones(time.shape)
+        for frequency in np.arange(
+            _SLOWEST, min(_FASTEST, 0.25 / aligned.period), 0.5 / max(aligned.duration, 1.0)
+        ).tolist():
+            phase = 2.0 * np.pi * frequency * time
+            force = np.stack([np.cos(phase), np.sin(phase), flat], -1)
+            share = self._plain(force, thin)
+            if share > best:
+                best, found = share, frequency
+        if found is None:
+            return None
+        phase = 2.0 * np.pi * found * time
+        waves = np.stack([np.cos(phase), np.sin(phase)], -1)
+        name = f"regular times ({found:.2g} times a second)"
+        return Variable("regular times", name, tuple((waves, j) for j in range(self.joints)))
+
+    def _plain(self, force: Array, thin: int) -> float:
+        """Share of the power that a force (nw, ns, k) and its integrals predict in each channel by itself: a screen."""
+        once = np.cumsum(force, axis=1) / force.shape[1]
+        features = np.concatenate([force, once, np.cumsum(once, axis=1) / force.shape[1]], axis=-1)[:, ::thin]
+        target, missed = self._target[:, ::thin], 0.0
+        a, b = (v.reshape(len(v), -1, v.shape[-1]) for v in (features, target))
+        products, pulls = np.swapaxes(a, 1, 2) @ a, np.swapaxes(a, 1, 2) @ b
+        for g in np.unique(self._groups):
+            inside = self._groups == g
+            normal = products[~inside].sum(axis=0)
+            ridge = _RIDGE * np.trace(normal) / len(normal) * np.eye(len(normal))
+            missed += float(
+                ((b[inside] - a[inside] @ np.linalg.solve(normal + ridge, pulls[~inside].sum(axis=0))) ** 2).sum()
+            )
+        return 1.0 - missed / max(float((target**2).sum()), 1e-12)
+
+
+def _impulse_responses(residuals: Residuals, variant: Variant) -> Array:
+    """Change (nm, ns, nl) of the channels by a force of 1 that acts at a joint for one sample, mean over the windows."""
+    replayer = residuals.replayer
+    model, state = replayer.plant.model, replayer.state
+    moved, sizes = [variant], []
+    for j, dof in enumerate(state.dof):
+        joint = int(model.dof_jntid[dof])
+        # Small against what moves the joint.
+        size = _SMALL * max(float(model.dof_M0[dof]) * float(state.velocity[:, j].std()) / _BRISK, 1e-9)
+        pushed = variant.copy()
+        # A spring with a far end is a steady force.
+        if pushed.model.jnt_stiffness[joint] <= 0.0:
+            pushed.model.jnt_stiffness[joint] = 1e-6 * size
+        pushed.model.qpos_spring[int(model.jnt_qposadr[joint])] += size / float(pushed.model.jnt_stiffness[joint])
+        moved.append(pushed)
+        sizes.append(size)
+    outputs = replayer.run(moved)[..., residuals.live]
+    change = np.nan_to_num(outputs[1:] - outputs[0]).mean(axis=1) / np.array(sizes).reshape(-1, 1, 1)
+    impulse: Array = np.diff(change, axis=1, prepend=0.0)
+    return impulse
