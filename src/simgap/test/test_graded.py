@@ -25,7 +25,7 @@ from simgap.data.noise_floor import noise_floor
 from simgap.data.plant import Plant, build_plant, load_spec
 from simgap.data.recording import load_table, recording_from_table
 from simgap.inference.fit import Fitter
-from simgap.inference.nuisance import Number, Nuisance, enumerate_nuisances
+from simgap.inference.nuisance import Nuisance, Number, enumerate_nuisances
 from simgap.inference.residual import Residuals
 from simgap.simulation.replay import Replayer
 from simgap.simulation.variant import Variant

@@ -138,7 +138,7 @@ def test_free_runs_are_told_in_the_channels_unit(found: Diagnosis) -> None:
         assert unit == "rad" and values[0] == pytest.approx(before[name]) and values[2] == pytest.approx(after[name])
     name = report["where"][0]["channel"]
     assert f"falls from {amount(before[name], 'rad')} to {amount(after[name], 'rad')}" in free(report)
-    lost = report["waterfall"][:-1] + [report["waterfall"][-1] | {"free_running": dict.fromkeys(after, float("nan"))}]
+    lost = [*report["waterfall"][:-1], report["waterfall"][-1] | {"free_running": dict.fromkeys(after, float("nan"))}]
     assert "breaks down" in free(report | {"waterfall": lost})
 
 

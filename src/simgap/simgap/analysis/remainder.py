@@ -31,6 +31,8 @@ NEAR_FLOOR = 1.2
 """[noise floors] Nothing is said about what goes with less: it is the sensors' own."""
 _SMALL, _BRISK = 1e-3, 0.05
 """Share of the force that brings a joint to its usual speed within so many seconds, by which a response is tried."""
+_CREEP = 0.05
+"""Of the spread of a joint's rate: slower than that it stands."""
 _APART = 20.0
 """[%] by which the share of a typical window differs when it is told."""
 
@@ -142,7 +144,8 @@ def _variables(residuals: Residuals) -> tuple[Variable, list[Variable], list[Var
     for j, dof in enumerate(state.dof):
         joint = model.joint(int(model.dof_jntid[dof])).name or f"joint {model.dof_jntid[dof]}"
         rate = state.velocity[:, j] / max(float(state.velocity[:, j].std()), 1e-12)
-        sign = np.tanh(10.0 * rate)[rows][..., None]
+        # While it stands, friction and play keep the direction in which it came.
+        sign = np.stack([np.tanh(10.0 * rate), _last_direction(rate)], -1)[rows]
         parts.append((sign, j))
         moving.append(Variable("direction of motion", f"the direction of motion at {joint}", ((sign, j),)))
         speed = np.stack([rate, rate * np.abs(rate)], -1)[rows]
@@ -151,8 +154,10 @@ def _variables(residuals: Residuals) -> tuple[Variable, list[Variable], list[Var
             hats = _hats(state.position[:, j], rows, _BINS)
             moving.append(Variable("position", f"the position of {joint}", ((hats, j),)))
         if j in loads:
-            parts.append(((loads[j] / max(float(loads[j].std()), 1e-12))[rows][..., None], j))
-            moving.append(Variable("load", f"the load at {joint}", ((_hats(loads[j], rows, _BINS), j),)))
+            load = (loads[j] / max(float(loads[j].std()), 1e-12))[rows][..., None]
+            parts.append((load, j))
+            shapes = np.concatenate([_hats(loads[j], rows, _BINS), np.abs(load) * sign], axis=-1)
+            moving.append(Variable("load", f"the load at {joint}", ((shapes, j),)))
     slow = []
     for name, values in {**{f"the {n}": v for n, v in aligned.auxiliary.items()}, "time": aligned.time}.items():
         if not np.isfinite(values).all() or not float(np.ptp(values[rows])) > 0.0:
@@ -181,6 +186,14 @@ def _loads(residuals: Residuals) -> dict[int, Array]:
             if channel.kind == "position" and channel.actuator >= 0:
                 values = values / float(model.actuator_gear[channel.actuator, 0]) - state.position[:, j]
             found[j] = values
+    return found
+
+
+def _last_direction(rate: Array) -> Array:
+    """Sign (n,) of the last motion that was more than a creep, of rates in their spread."""
+    known = np.abs(rate) > _CREEP
+    last = np.maximum.accumulate(np.where(known, np.arange(len(rate)), -1))
+    found: Array = np.where(last >= 0, np.sign(rate[np.maximum(last, 0)]), 0.0)
     return found
 
 
@@ -294,7 +307,7 @@ class _Design:
 
 
 def _impulse_responses(residuals: Residuals, variant: Variant) -> Array:
-    """Change (nm, ns, nl) of the channels by a force of 1 that acts at a joint for one sample, mean over the windows."""
+    """Change (nm, ns, nl) of the channels by a force of 1 at a joint that lasts one sample, mean over the windows."""
     replayer = residuals.replayer
     model, state = replayer.plant.model, replayer.state
     moved, sizes = [variant], []
