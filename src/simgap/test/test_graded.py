@@ -19,17 +19,24 @@ from simgap.analysis.errors import by_channel
 from simgap.analysis.free_running import STRETCH, Model, fold_of, free_runs
 from simgap.analysis.recalibration import calibration
 from simgap.analysis.remainder import describe, shares_of
-from simgap.data.align import align
+from simgap.analysis.waterfall import models, steps, waterfall
+from simgap.data.align import Run, align
 from simgap.data.mapping import load_map
 from simgap.data.noise_floor import noise_floor
 from simgap.data.plant import Plant, build_plant, load_spec
 from simgap.data.recording import load_table, recording_from_table
+from simgap.effects.base import Context
+from simgap.effects.library import enumerate_effects
 from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Hypothesis
 from simgap.inference.nuisance import Nuisance, Number, enumerate_nuisances
 from simgap.inference.residual import Residuals
+from simgap.inference.scores import Scores
+from simgap.inference.select import Selection
 from simgap.simulation.replay import Replayer
+from simgap.simulation.scales import measure_scales
 from simgap.simulation.variant import Variant
-from simgap.simulation.windows import cut
+from simgap.simulation.windows import Windows, cut
 
 Array = NDArray[np.float64]
 FRICTION = 0.1
@@ -110,6 +117,17 @@ def test_a_run_that_was_fitted_in_parts_is_said_to_be() -> None:
     assert fold_of(replayer.windows, whole) is None
 
 
+def test_a_run_in_one_fold_is_run_by_the_fit_that_has_not_seen_it() -> None:
+    runs = [Run(100 * i, 100 * (i + 1), float(i)) for i in range(3)]
+    start = np.array([10, 50, 110, 150, 210, 250])
+    windows = Windows(start, 5, 20, np.arange(20), np.arange(6), np.array([0, 0, 1, 2, -1, -1]))
+    assert [fold_of(windows, run) for run in runs] == [0, None, None]
+    none = (np.zeros(0), np.zeros(0))
+    own = (np.ones(1), np.zeros(0))
+    model = Model("diagnosed", Hypothesis(), none, {0: own})
+    assert model.values(0) == (own, False) and model.values(None) == (none, True) and model.values(1) == (none, True)
+
+
 def test_a_robot_that_blows_up_errors_of_its_start_is_compared_in_stretches() -> None:
     """The double pendulum; its whole run is told beside, broken down or not."""
     folder = Path(simgap.__file__).parent / "examples" / "double_pendulum"
@@ -149,6 +167,32 @@ def test_the_waterfall_leads_from_before_to_after(found: Diagnosis) -> None:
     assert found.report["remainder"]["share"] == pytest.approx(
         max(gap["after"] ** 2 - 1.0, 0.0) / (gap["before"] ** 2 - 1.0)
     )
+
+
+def test_every_cause_has_its_own_step_in_the_order_in_which_it_was_found() -> None:
+    def rubbing(model: mujoco.MjModel) -> None:
+        model.dof_frictionloss[1] += FRICTION
+        model.dof_damping[0] += 0.2
+
+    plant, aligned, floor = aligned_of("arm", simulate("arm", 10.0, change=rubbing))
+    replayer = Replayer(plant, aligned, cut(aligned), floor, 1)
+    fitter = Fitter(Residuals.build(replayer, Variant.nominal(plant)), [])
+    context = Context(plant, measure_scales(replayer, Variant.nominal(plant)))
+    known = {e.key: e for e in enumerate_effects(context, (), ("coulomb_friction", "viscous_friction")) if not e.form}
+    both = Hypothesis((known["viscous_friction@shoulder"], known["coulomb_friction@elbow"]))
+    scores = Scores(fitter)
+    reference, best = (
+        scores.scored(fitter.cross_validate(fitter.fit(h, np.full(h.size, 0.05), np.zeros(0), 8)))
+        for h in (Hypothesis(), both)
+    )
+    found = steps(fitter, scores, Selection(reference, reference.gap, best), reference.gap)
+    assert [s.name for s in found] == ["nominal", "recalibrated", *(e.key for e in both.effects)]
+    assert [s.gap for s in found[2:]] == pytest.approx(sorted((s.gap for s in found[2:]), reverse=True))
+    assert found[1].gap > 1.5 * found[2].gap > 2.0 * found[3].gap and found[3].gap == best.gap < 1.3
+    rows = waterfall(fitter, found, free_runs(fitter, models(found)))
+    assert [r["step"] for r in rows] == [*(s.name for s in found), "remainder"]
+    errors = [r["free_running"]["q0"] for r in rows[1:]]
+    assert errors == sorted(errors, reverse=True) and errors[-1] < 4e-4
 
 
 # -- calibration -------------------------------------------------------------------------------------------------------
