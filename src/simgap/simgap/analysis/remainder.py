@@ -24,6 +24,8 @@ _GROUPS = 4
 """Of blocks, each predicted from the others."""
 _SLOWEST, _FASTEST = 0.3, 12.0
 """[Hz] of what may come at regular times."""
+_FREQUENCIES = 3000
+"""That are tried, at most: enough for two minutes."""
 _MOST = 8
 GOES, MAINLY = 0.1, 0.5
 """Shares of what is left from which on a variable is named, and from which on it is most of it."""
@@ -229,7 +231,7 @@ class _Design:
 
     def explained(self, variables: Sequence[Variable]) -> float:
         """Share of the power that the variables together predict in groups of blocks that were left out."""
-        features = np.concatenate([self._features(v) for v in variables])
+        features = np.concatenate([self._features(v) for v in variables]).astype(float)
         products, pulls = {}, {}
         groups = np.unique(self._groups).tolist()
         if len(groups) < 2:
@@ -250,7 +252,7 @@ class _Design:
         """(k, nw, ns, nl): what each of the variable's forces does to all channels, whitened as the residual is."""
         if id(variable) not in self._made:
             made = [self._of(force, joint) for force, joint in variable.parts]
-            self._made[id(variable)] = np.concatenate(made)
+            self._made[id(variable)] = np.concatenate(made).astype(np.float32)
         return self._made[id(variable)]
 
     def _of(self, force: Array, joint: int) -> Array:
@@ -274,9 +276,8 @@ class _Design:
         thin = max(time.shape[1] // 24, 1)
         best, found = 0.0, None
         flat = np.ones(time.shape)
-        for frequency in np.arange(
-            _SLOWEST, min(_FASTEST, 0.25 / aligned.period), 0.5 / max(aligned.duration, 1.0)
-        ).tolist():
+        fastest, step = min(_FASTEST, 0.25 / aligned.period), 0.5 / max(aligned.duration, 1.0)
+        for frequency in np.arange(_SLOWEST, fastest, max(step, fastest / _FREQUENCIES)).tolist():
             phase = 2.0 * np.pi * frequency * time
             force = np.stack([np.cos(phase), np.sin(phase), flat], -1)
             share = self._plain(force, thin)
