@@ -142,6 +142,17 @@ def test_a_robot_that_blows_up_errors_of_its_start_is_compared_in_stretches() ->
     assert all(0.0 < value < 20.0 for value in run.error(plant, "nominal").values())
 
 
+def test_a_run_in_which_a_joint_stands_still_is_not_taken_for_chaos() -> None:
+    plant = plant_of("arm", lambda data: data.update(segments={"column": "run"}))
+    made = simulate("arm", 8.0)
+    still = {name: np.where(made["t"] < 3.0, column, 0.0) for name, column in made.items() if name.startswith("u")}
+    table = simulate("arm", 8.0, signal=lambda _: still) | still | {"run": np.floor(made["t"] / 4.0)}
+    aligned = align(recording_from_table(table, plant), plant)
+    replayer = Replayer(plant, aligned, cut(aligned), noise_floor(aligned), 1)
+    fitter = Fitter(Residuals.build(replayer, Variant.nominal(plant), start=False), [])
+    assert [run.chaotic for run in free_runs(fitter, [Model.nominal(fitter)])] == [False, False]
+
+
 def test_errors_leave_out_what_was_not_measured_and_say_what_broke_down() -> None:
     plant = plant_of("arm")
     measured = np.zeros((1, 5, 2))

@@ -33,8 +33,8 @@ LONGEST = 60.0
 STRETCH = 0.5
 """[s] of the stretches into which a run is cut where an error of its start grows without bound."""
 _LOST = 0.2
-"""Share of a channel's spread: a model whose start is off by no more than anybody can measure, and whose run differs
-by more than this from that of its twin, says nothing about the robot any more."""
+"""Share of a channel's spread over the recording. A model whose start is off by no more than anybody can measure, and
+whose run differs by more than this from that of its twin, says nothing about the robot any more."""
 _TWINS = 4
 
 
@@ -151,10 +151,10 @@ def _free_run(fitter: Fitter, models: Sequence[Model], run: Run, seed: int) -> F
     whole = _replayer(base, begin, stop, stop - begin)
     measured, simulated = measured_of(whole), whole.run(variants)
     start_error = _start_error(whole, variants[-1], simulated[-1], seed)
-    spread = by_channel(plant, measured, _middle(measured))
-    start_error = {name: start_error.get(name, float("nan")) for name in spread}
-    lost = bool(np.isnan(simulated[-1]).any())
-    lost |= any(start_error[name] > _LOST * size > 0.0 for name, size in spread.items())
+    spread = dict(zip((c.name for c in plant.outputs), base.aligned.outputs.std(axis=0), strict=True))
+    told = by_channel(plant, measured, simulated[-1])
+    start_error = {name: start_error.get(name, float("nan")) for name in told}
+    lost = bool(np.isnan(simulated[-1]).any()) or any(e > _LOST * spread[name] for name, e in start_error.items())
     replayer, errors = whole, {}
     if lost and stop - begin > 1.5 * STRETCH / period:
         replayer = _replayer(base, begin, stop, round(STRETCH / period))
@@ -171,13 +171,6 @@ def _free_run(fitter: Fitter, models: Sequence[Model], run: Run, seed: int) -> F
         errors,
         run.stop > stop,
     )
-
-
-def _middle(measured: Array) -> Array:
-    """Mean (1, 1, no) of what was measured, 0 of a channel that was not."""
-    ok = np.isfinite(measured)
-    total: Array = np.where(ok, measured, 0.0).sum(axis=(0, 1), keepdims=True)
-    return total / np.maximum(ok.sum(axis=(0, 1), keepdims=True), 1)
 
 
 def _replayer(base: Replayer, begin: int, stop: int, length: int) -> Replayer:

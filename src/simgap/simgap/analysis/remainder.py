@@ -98,7 +98,9 @@ def sentence(remainder: dict[str, Any], after: float) -> str:
         return f"What is left is {after:.1f} noise floors, about what repeating the experiment would leave."
     rows = [row for row in remainder["goes_with"] if row["share"] >= GOES]
     if not rows:
-        return f"{left}; it goes with nothing that was recorded: look for what acts from outside, or for small causes."
+        several = 100.0 * remainder["predictable_share"]
+        beside = f", several together {several:.0f} %" if several > 100.0 * GOES else ""
+        return f"{left}; no variable that was recorded predicts a tenth of it by itself{beside}."
     first = rows[0]
     amount = "most of it goes" if first["share"] >= MAINLY else f"{100 * first['share']:.0f} % of it goes"
     hint = HINTS.get(first["kind"], "what it changes in the robot")
