@@ -97,11 +97,14 @@ def test_every_verdict_has_its_sentences(found: Diagnosis) -> None:
     for verdict, words in (
         ("no_gap", "No known effect"),
         ("calibration", "numbers of the model are a little off"),
-        ("unknown", "The cause is not settled: it moves. What explains most is viscous friction at elbow"),
+        ("unknown", "What explains most is viscous friction at elbow"),
+        ("unknown", "It is not settled: it moves."),
         ("partial", "Most of it is caused by viscous friction at elbow"),
         ("effect", "caused by"),
     ):
         assert words in what(report | {"verdict": verdict, "reasons": ["it moves"]})
+    nothing = report | {"verdict": "unknown", "reasons": ["it moves", "it rests"], "effects": []}
+    assert what(nothing) == "The cause is not settled: it moves; it rests."
     alike = report | {"verdict": "ambiguous", "equivalent": [["mass@upper", "inertia@fore + armature@elbow"]]}
     assert "inertia at fore, armature at elbow" in what(alike)
     gap = report["gap"]

@@ -80,9 +80,11 @@ def what(report: Report) -> str:
         return f"No part has to behave otherwise: numbers of the model are a little off, {numbers}."
     text = " and ".join(_effect(e) for e in report["effects"])
     if verdict == "unknown":
-        reasons = "; ".join(report.get("reasons") or ["a structured residual remains"])
-        best = f" What explains most is {text}; it is told with this doubt." if text else ""
-        return f"The cause is not settled: {reasons}.{best}"
+        reasons = report.get("reasons") or ["a structured residual remains"]
+        if text:
+            # The page lists all doubts; the first is enough beside the cause.
+            return f"What explains most is {text}. It is not settled: {reasons[0]}."
+        return f"The cause is not settled: {'; '.join(reasons)}."
     if verdict == "partial":
         return (
             f"Most of it is caused by {text}; {percent(_left(report))} of the gap's power is explained by nothing that "
