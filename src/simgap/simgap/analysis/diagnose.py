@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 import simgap
 from simgap.analysis.experiment import GenericMenu, Menu
+from simgap.analysis.explanation import explain
+from simgap.analysis.free_running import FreeRun
 from simgap.analysis.input_checks import check_map, check_replay
 from simgap.analysis.isolability import confusion, isolability
 from simgap.analysis.localisation import Phases, bands, locate
@@ -110,6 +112,8 @@ class Diagnosis:
     proposal: Proposal | None = None
     menu: Menu | None = None
     """Where the proposal comes from."""
+    runs: list[FreeRun] = field(default_factory=list)
+    """Free runs of the models of the waterfall."""
 
 
 def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | None = None) -> Diagnosis:
@@ -155,12 +159,15 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
         fitter, verdict.open, options.menu, options.seed, lambda share: options.say("next experiment", share)
     )
     report = _report(aligned, floor, selector, selection, verdict, structure, options)
+    options.say("free runs", 0.0)
+    keys, runs = explain(fitter, selector.scores, selection, report, options.seed)
+    report |= keys
     report["next_experiment"] = proposal.report() if proposal else None
     report["warnings"] = warnings
     report["time_step_s"] = float(plant.model.opt.timestep)
     report["replayed_s"] = replayer.simulated_seconds
     report["wall_s"] = time.monotonic() - started
-    return Diagnosis(verdict, selection, selector, aligned, report, proposal, options.menu)
+    return Diagnosis(verdict, selection, selector, aligned, report, proposal, options.menu, runs)
 
 
 def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, options: Options) -> Replayer:
