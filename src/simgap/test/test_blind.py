@@ -39,7 +39,8 @@ SMALL_CHECK = 34
 def test_the_truth_shares_no_code_with_the_library() -> None:
     code = (
         "import sys, simgap.blind.cases, simgap.blind.make\n"
-        "print([m for m in sys.modules if m.startswith('nermo_gap.core') or m == 'rclpy'])"
+        "diagnosing = ('data', 'simulation', 'effects', 'inference', 'analysis', 'report')\n"
+        "print([m for m in sys.modules if m.startswith(tuple(f'simgap.{d}' for d in diagnosing))])"
     )
     path = os.pathsep.join(p for p in sys.path if p)
     out = subprocess.run(

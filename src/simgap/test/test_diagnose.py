@@ -218,14 +218,14 @@ def test_command_line_writes_every_key(files: dict[str, Path]) -> None:
     assert report["remainder"]["sentence"] in " ".join(result.output.split())
 
 
-@pytest.mark.parametrize("before", [["nermo", "gap"], ["/usr/bin/nermo-gap"]])
+@pytest.mark.parametrize("before", [["simgap"], ["/usr/bin/python", "-m", "simgap"]])
 def test_the_command_is_kept_as_it_was_typed(
     files: dict[str, Path], monkeypatch: pytest.MonkeyPatch, before: list[str]
 ) -> None:
     given = ["diagnose", str(files["log"]), "--only", "coulomb_friction"]
     monkeypatch.setattr(sys, "argv", [*before, *given])
     assert _run(files, "--only", "coulomb_friction").exit_code == 0
-    assert json.loads(files["json"].read_text())["command"].split() == ["nermo", "gap", *given]
+    assert json.loads(files["json"].read_text())["command"].split() == ["simgap", *given]
 
 
 def test_bad_input_ends_with_status_2_and_one_sentence(files: dict[str, Path]) -> None:

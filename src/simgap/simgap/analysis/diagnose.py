@@ -39,13 +39,13 @@ from simgap.inference.select import Selection, Selector
 from simgap.inference.stochastic_link import PATTERN, Chance
 from simgap.inference.structure import REPEATS, predictable_share, repeating_share
 from simgap.inference.verdict import Verdict, judge
-from simgap.simulation.horizon import usable_horizon
+from simgap.simulation.horizon import forgets, usable_horizon
 from simgap.simulation.integration import FINER, finer
 from simgap.simulation.replay import Replayer
 from simgap.simulation.scales import measure_scales
 from simgap.simulation.state import measured_state
 from simgap.simulation.variant import Variant
-from simgap.simulation.windows import HORIZON, HORIZON_HEAVY, LIGHT, WARM_UP, affordable, at_limit, cut
+from simgap.simulation.windows import HORIZON, HORIZON_HEAVY, LIGHT, WARM_UP, affordable, at_limit, cut, longer
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -146,7 +146,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     selection = selector.run()
     Chance(selector).reconsider(selection, thorough=plant.model.nv <= LIGHT)
     structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
-    verdict = judge(selector, selection, structure)
+    verdict = judge(selector, selection)
     if verdict.kind == "unknown":
         share, frequency = repeating_share(residuals, selection.best.fit.residual)
         # A gait repeats too, and with it whatever is wrong with it; commands and motion predict that.
@@ -178,7 +178,12 @@ def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, op
     made = Replayer(plant, aligned, cut(aligned, longest, options.warm_up, most, avoided), floor, options.threads)
     horizon = usable_horizon(made, nominal)
     if horizon > 0.9 * longest:
-        return made
+        further = longer(aligned, options.warm_up)
+        if options.horizon or longest < HORIZON or further <= longest or not forgets(made, nominal):
+            return made
+        # Twice the seconds, for a steady error shows once in each.
+        windows = cut(aligned, further, options.warm_up, round(2.0 * most * longest / further), avoided)
+        return Replayer(plant, aligned, windows, floor, options.threads)
     # As many seconds of motion in shorter windows.
     windows = cut(aligned, horizon, options.warm_up, round(most * longest / horizon), avoided)
     return Replayer(plant, aligned, windows, floor, options.threads)
@@ -206,6 +211,7 @@ def _report(
         "versions": {"simgap": simgap.__version__, "mujoco": mujoco.__version__, "python": platform.python_version()},
         "verdict": verdict.kind,
         "reasons": verdict.reasons,
+        "probabilities": _probabilities(verdict),
         "gap": _gap(selector, selection, fitter.mean_square(nominal)),
         "where": locate(residuals, nominal, options.phases),
         "left": locate(residuals, best.fit.residual, options.phases),
@@ -232,6 +238,12 @@ def _report(
         },
         "noise_floor": {plant.outputs[i].name: float(floor[i]) for i in range(len(floor))},
     }
+
+
+def _probabilities(verdict: Verdict) -> dict[str, float]:
+    """Of the verdict's causes, and of every set of causes that was kept."""
+    sets = {" + ".join(sorted(c.names)) or "nominal numbers": c.probability for c in verdict.classes}
+    return {verdict.kind: verdict.probability, **{key: p for key, p in sets.items() if p > 1e-4}}
 
 
 def _model_name(plant: Plant) -> str:

@@ -134,15 +134,14 @@ class Candidates:
         also tried with untouched nuisances, which may have been bent to make up for a value that is far from right.
         """
         (effect,) = hypothesis.effects
-        if len(effect.parameters) != 1:
+        if not effect.one_size:
             return x, z
-        parameter = effect.parameters[0]
-        away = parameter.away(x[0])
-        tries = sorted(a for t in parameter.tries if (a := parameter.away(t)) * np.sign(away) > 0)
-        steps = [*tries, *(a + k * (b - a) for a, b in pairwise(tries) for k in (1 / 3, 2 / 3))]
-        further = [v for k in LARGER if parameter.low < (v := parameter.at(k * away)) < parameter.high]
-        values = [x[0], *(parameter.at(s) for s in steps), *further]
-        points = [(np.array([v]), z) for z in (z, np.zeros_like(z)) for v in values]
+        first = effect.parameters[0]
+        away = first.away(x[0])
+        tries = sorted(a / away for t in first.tries if (a := first.away(t)) * np.sign(away) > 0)
+        shares = [1.0, *tries, *(a + k * (b - a) for a, b in pairwise(tries) for k in (1 / 3, 2 / 3)), *LARGER]
+        values = [v for k in shares if (v := effect.times(k, x)) is not None]
+        points = [(np.array(v), z) for z in (z, np.zeros_like(z)) for v in values]
         residuals = self.fitter.replay(hypothesis, points, select)
         costs = self.fitter.data_cost(self.fitter.mean_square(residuals, select), select)
         costs = costs + 0.5 * np.array([z @ z for _, z in points])

@@ -104,11 +104,7 @@ def screen(
 
 def _beyond(screened: Screened) -> tuple[float, ...] | None:
     """The next start value of a candidate with one parameter that promises most as far as its start tells, if any."""
-    if not screened.farthest or len(screened.effect.parameters) != 1:
-        return None
-    (parameter,) = screened.effect.parameters
-    value = parameter.at(_FURTHER * parameter.away(float(screened.x[0])))
-    return (value,) if parameter.low < value < parameter.high else None
+    return screened.effect.times(_FURTHER, screened.x) if screened.farthest and screened.effect.one_size else None
 
 
 def _moderate(starts: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
@@ -130,7 +126,7 @@ def _directions(effect: Effect) -> list[tuple[float, ...]]:
 
 def _reversible(effect: Effect, start: Array) -> bool:
     """Whether the opposite of a start lies within the bounds too."""
-    return all(p.low <= p.at(-p.away(x)) <= p.high for p, x in zip(effect.parameters, start.tolist(), strict=True))
+    return effect.times(-1.0, start) is not None
 
 
 def _ranked(
