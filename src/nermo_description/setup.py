@@ -12,7 +12,6 @@ setup(
         package_name: [
             "py.typed",
             "robots/*.yaml",
-            "robots/*/*.yaml",
             "scenes/*.xml",
             "mjcf/*.xml",
             "mjcf/*/*.xml",
