@@ -11,8 +11,7 @@ from nermo_control.legs.aslp import AslpPose
 from nermo_control.legs.aslp_symbolic import minimal_functions
 from nermo_control.pantograph_controller import aslp_leg, aslp_springs
 from nermo_description.pantograph import PantographParameters
-from nermo_description.results import CommandError
-from nermo_description.robots import load_any_robot
+from nermo_description.robots import ParameterError, load_any_robot
 from nermo_sim.experiments import stability
 from nermo_sim.experiments.runs import Job, Settings
 from nermo_sim.leg_dynamics.bench import build_bench, comes_to_rest, trajectory
@@ -135,6 +134,6 @@ def test_experiment_counts_as_the_thesis_does(robot):
     case = stability.Case("step", "massless", "euler")
     found = stability.run(Job(case, 0, Settings("cheetah_cub", quick=True)))
     assert 5e-4 < found["largest_step_s"] < 1e-2
-    with pytest.raises(CommandError, match="robot 'nermo_lite' has no pantograph legs"):
-        stability.pantograph_robot("nermo_lite")
+    with pytest.raises(ParameterError, match="robot 'nermo_lite' is a mouse; here a pantograph is needed: cheetah_cub"):
+        stability.run(Job(case, 0, Settings("nermo_lite", quick=True)))
     assert math.isfinite(found["step_cost_s"])

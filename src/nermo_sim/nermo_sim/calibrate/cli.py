@@ -11,9 +11,9 @@ import typer
 import yaml
 
 from nermo_description.results import CommandError, write_results
-from nermo_sim.cli import RESULTS, Json, Quick, Seed, check_robot
 from nermo_sim.console import console, print_rows, progress
 from nermo_sim.experiments.lookup import Row
+from nermo_sim.options import RESULTS, Json, Quick, Seed, check_robot
 
 calibrate_app = typer.Typer(
     rich_markup_mode=None, add_completion=False, help="Fit the physical numbers that the thesis does not print."

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from nermo_control.oscillators.legs import Coordination
 from nermo_control.types import ControlCommand, Posture, TrajectoryMode
 from nermo_description.parameters import RobotParameters
 from nermo_sim.experiments import coordination
+from nermo_sim.experiments.experiment import Experiment, Outcome
 from nermo_sim.experiments.runs import FALLEN, SETTLE, Job, Result, Settings, full_speed, standing_loop
 from nermo_sim.loop import constant
 
@@ -101,3 +103,37 @@ def table(cases: Sequence[Case], settings: Settings, robot: RobotParameters, res
             }
         )
     return rows
+
+
+def pages(done: Outcome) -> list[Path]:
+    """Its page and its picture."""
+    from nermo_sim.report import modulation
+    from nermo_sim.report.page import write_page
+
+    return write_page(
+        done.folder,
+        EXPERIMENT.title,
+        done.about(),
+        [("pushes", "Survived, and recovered when", modulation.pushes(done.facts))],
+        [("Pushes", done.facts["rows"])],
+    )
+
+
+EXPERIMENT = Experiment(
+    name="push",
+    title="Pushes aside",
+    help="""
+    How hard a push aside the timed trot and Tegotae take, and how soon they have recovered (C 3.3 on the mouse).
+
+    A fall is a result (`survived`), not a failure.
+
+    \b
+    nermo experiment push
+    nermo experiment push --quick --json push.json
+    """,
+    columns=("coordination", "loads", "push_n", "runs", "survived", "recovered", "recovery_s", "largest_roll_deg"),
+    cases=cases,
+    run=run,
+    table=table,
+    pages=pages,
+)

@@ -75,8 +75,13 @@ class Settings:
         """The same, where it must be a mouse. Raises ParameterError."""
         robot = self.parameters
         if not isinstance(robot, RobotParameters):
-            raise ParameterError(f"robot {self.robot!r} has pantograph legs; here a mouse is needed")
+            raise ParameterError(f"robot {self.robot!r} is a {robot.family}; here a mouse is needed")
         return robot
+
+    @property
+    def family(self) -> str:
+        """Family of the robot. Raises ParameterError."""
+        return self.parameters.family
 
     def digest(self, experiment: str) -> str:
         """Digest of all that the results depend on. The number of repeats is not part of it."""

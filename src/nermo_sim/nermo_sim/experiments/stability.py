@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from nermo_description.pantograph import PantographParameters
-from nermo_description.results import CommandError
-from nermo_description.robots import load_any_robot
+from nermo_description.robots import load_of_family
+from nermo_sim.console import print_facts
+from nermo_sim.experiments.experiment import Experiment, Facts, Finished, Outcome
 from nermo_sim.experiments.runs import Job, Result, Settings
 from nermo_sim.leg_dynamics.bench import (
     Integrator,
@@ -85,7 +87,7 @@ def cases(quick: bool) -> list[Case]:
 
 def run(job: Job[Case]) -> Result:
     """One search, or one trot."""
-    case, robot = job.case, pantograph_robot(job.settings.robot)
+    case, robot = job.case, load_of_family(PantographParameters, job.settings.robot)
     if case.what == "transport":
         return cost_of_transport(robot, case.model)
     changed = stiffened(robot, case.ratio)
@@ -96,14 +98,6 @@ def run(job: Job[Case]) -> Result:
     )
     cost = None if step is None else step_cost(changed, case.model, case.integrator, 0.5 * step)
     return {"largest_step_s": step, "step_cost_s": cost}
-
-
-def pantograph_robot(name: str) -> PantographParameters:
-    """A robot with pantograph legs. Raises CommandError (status 2) for any other, and ParameterError."""
-    robot = load_any_robot(name)
-    if not isinstance(robot, PantographParameters):
-        raise CommandError(f"robot {name!r} has no pantograph legs: choose cheetah_cub", status=2)
-    return robot
 
 
 def table(cases: Sequence[Case], settings: Settings, robot: PantographParameters, results: list[list[Result]]) -> Any:
@@ -141,11 +135,10 @@ def coordinates(robot: PantographParameters, model: Kind) -> dict[str, int | Non
     }
 
 
-def further(
-    cases: Sequence[Case], settings: Settings, robot: PantographParameters, results: list[list[Result]]
-) -> dict[str, Any]:
+def further(done: Finished[Case]) -> Facts:
     """`leg_force`: the look-up table and its largest stiffness; `transport`: one row a model."""
-    found = look_up_table(robot.leg, 25 if settings.quick else 61)
+    robot = load_of_family(PantographParameters, done.settings.robot)
+    found = look_up_table(robot.leg, 25 if done.settings.quick else 61)
     pressed = np.minimum(found.force[1:], found.force[:-1]) > 0.0
     stiffness = np.where(pressed, found.stiffness, -np.inf)
     row, column = np.unravel_index(int(stiffness.argmax()), stiffness.shape)
@@ -166,7 +159,59 @@ def further(
         },
         "transport": [
             {"model": case.model, **result}
-            for case, (result, *_) in zip(cases, results, strict=True)
+            for case, (result, *_) in zip(done.cases, done.results, strict=True)
             if case.what == "transport"
         ],
     }
+
+
+def _notes(facts: Facts) -> None:
+    print_facts("leg force", {name: value for name, value in facts["leg_force"].items() if isinstance(value, float)})
+    if facts["transport"]:
+        print_facts("cost of transport", {row["model"]: row for row in facts["transport"]})
+
+
+def pages(done: Outcome) -> list[Path]:
+    """Its page and its pictures."""
+    from nermo_sim.report import legs
+    from nermo_sim.report.page import write_page
+
+    facts = done.facts
+    return write_page(
+        done.folder,
+        EXPERIMENT.title,
+        done.about("C chapter 2"),
+        [
+            ("steps", "Largest stable step and its cost (C figures 2.5, 2.6, 2.10)", legs.largest_steps(facts)),
+            ("leg_force", "Force of the leg (C figure 2.9)", legs.leg_force(facts)),
+            ("energy", "Cost of transport", legs.energy(facts)),
+        ],
+        [("Steps", facts["rows"]), ("Cost of transport", facts["transport"])],
+    )
+
+
+EXPERIMENT = Experiment(
+    name="stability",
+    title="The dynamics of the pantograph leg three ways",
+    help="""The pantograph leg's dynamics three ways: largest stable step, its cost, cost of transport (C chapter 2).
+
+    The times are measured: run it with one worker on a quiet machine for figures to compare.
+
+    \b
+    nermo experiment stability --workers 1
+    nermo experiment stability --quick --json stability.json
+    """,
+    columns=(
+        *("model", "integrator", "stiffness_ratio", "toe_friction_ratio", "largest_step_s", "thesis_step_s"),
+        *("step_cost_s", "thesis_cost_s", "coordinates", "maximal_coordinates", "thesis_coordinates"),
+    ),
+    cases=cases,
+    run=run,
+    table=table,
+    families=("pantograph",),
+    robot="cheetah_cub",
+    repeats=None,
+    further=further,
+    notes=_notes,
+    pages=pages,
+)

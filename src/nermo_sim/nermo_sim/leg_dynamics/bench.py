@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_control.legs.aslp import AslpPose
-from nermo_control.legs.aslp_symbolic import minimal_functions
 from nermo_control.pantograph_controller import aslp_leg
 from nermo_description.blocks.pantograph import build_pantograph_leg
 from nermo_description.pantograph import PantographLeg, PantographParameters
@@ -163,6 +162,8 @@ def leg_start(leg: PantographLeg) -> tuple[float, float]:
 
 def _start_energy(leg: PantographLeg) -> float:
     """Roughly: in the springs, and in the raised leg."""
+    from nermo_control.legs.aslp_symbolic import minimal_functions  # sympy is slow to load
+
     energy = minimal_functions(leg).energy
     _, knee = leg_start(leg)
     sprung = energy(knee, 0.0, leg.toe_rest) - energy(leg.knee_reference, 0.0, leg.toe_rest)

@@ -9,9 +9,9 @@ from typing import Annotated, Any
 import typer
 
 from nermo_description.results import CommandError, write_results
-from nermo_sim.cli import RESULTS, Json, Quick, Seed, check_robot
 from nermo_sim.console import console, print_facts, print_rows, progress
 from nermo_sim.optimize.limit_cycle_command import LIMIT_CYCLE, search_limit_cycle
+from nermo_sim.options import RESULTS, Json, Quick, Seed, check_robot
 
 optimize_app = typer.Typer(
     rich_markup_mode=None, add_completion=False, help="Search gait and leg parameters on the twin for a stated cost."

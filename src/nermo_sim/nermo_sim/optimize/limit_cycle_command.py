@@ -10,6 +10,8 @@ from matplotlib.figure import Figure
 from nermo_description.parameter_files import write_yaml
 from nermo_description.results import CommandError, write_results
 from nermo_sim.console import console, print_facts, print_rows, progress
+from nermo_sim.options import check_robot
+from nermo_sim.render import film
 
 LIMIT_CYCLE = "limit-cycle"
 PARTICLES, ITERATIONS = 24, 100
@@ -34,13 +36,11 @@ def search_limit_cycle(
     Raises CommandError, with status 2 for a robot without pantograph legs.
     """
     from nermo_sim.batch import processors
-    from nermo_sim.cli import film
     from nermo_sim.experiments.result_log import ResultLog, seed_for
-    from nermo_sim.experiments.stability import pantograph_robot
     from nermo_sim.optimize.evaluator import open_executor
     from nermo_sim.optimize.limit_cycle import BOUNDS, Rollout, Swarm, Trot, default_values, gait_of, walk
 
-    pantograph_robot(robot)
+    check_robot(robot, ("pantograph",))
     particles, rounds = QUICK if quick else (PARTICLES, ITERATIONS)
     rounds = rounds if iterations is None else iterations
     trot, folder, count = Trot(robot), out / "optimize", workers or processors()

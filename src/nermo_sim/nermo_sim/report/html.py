@@ -11,14 +11,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 
 from nermo_description.results import CommandError
 from nermo_sim.experiments.runs import Settings
+from nermo_sim.experiments.suite import CHAPTER
 from nermo_sim.report.figures import FIGURES, svg
 
 TABLES = {
-    "straight-line": "Straight line (N 6.2.1)",
-    "turning": "Turning (N 6.2.2)",
-    "balance": "Balance (N 6.2.3)",
-    "maze": "Maze (N 6.2.4)",
-    "gaze": "Gaze: the neck against the gait's swing (N 7.1.2)",
+    **{name: experiment.title for name, experiment in CHAPTER.items()},
     "theory_against_twin": "Theory against twin (N 7.2.1)",
     "ablation": "Each spine function off alone",
 }
