@@ -16,7 +16,8 @@ from nermo_control.gait.knowledge_base import GaitDefinition, GaitParameters, Le
 from nermo_control.gait.trajectory import TrajectoryGenerator
 from nermo_control.legs.kinematics import LegKinematics
 from nermo_control.lift import KNEE_COMPRESSION, LIFT_DURATION, LIFTED_LEG, SHIFT_DURATION
-from nermo_control.motion_module import MotionModule, MotionModuleConfig
+from nermo_control.motion.config import MotionModuleConfig
+from nermo_control.motion_module import MotionModule
 from nermo_control.types import FootTrajectory, Four, MotionCommand, MotionOutput, Phase, Posture, SpineModes
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_description.robots import load_robot

@@ -14,7 +14,8 @@ import pytest
 
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.gait.trajectory import TrajectoryGenerator
-from nermo_control.motion_module import MotionModule, MotionModuleConfig
+from nermo_control.motion.config import MotionModuleConfig
+from nermo_control.motion_module import MotionModule
 from nermo_control.types import MotionCommand, Posture, SpineModes
 from nermo_description.robots import load_robot
 

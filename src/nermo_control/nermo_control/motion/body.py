@@ -1,0 +1,121 @@
+"""The servos' targets: feet -> spine and its offsets -> head, tail and inverse kinematics; and the servos' limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from nermo_control.gait.knowledge_base import GaitParameters
+from nermo_control.gait.phase import Flags, LegPhases
+from nermo_control.head import GazeController
+from nermo_control.leg_controller import LegController
+from nermo_control.motion.config import MotionModuleConfig
+from nermo_control.motion.feet import neutral_feet
+from nermo_control.spine.controller import NOT_LIFTED, SpineController
+from nermo_control.tail import TailController
+from nermo_control.types import Imu, MotionCommand, Posture
+from nermo_description.parameters import LEGS, RobotParameters
+
+
+class Body:
+    """Spine, neck, tail and legs of one robot. `targets` and `servos` are [rad], in the order of the robot's servos."""
+
+    def __init__(self, robot: RobotParameters, parameters: GaitParameters, period_ns: int) -> None:
+        self._robot = robot
+        self._spine = SpineController(robot, parameters, period_ns)
+        self._head = GazeController(robot, period_ns)
+        self._tail = TailController(robot, period_ns)
+        self._legs = LegController(robot)
+        self._names = tuple(robot.servos)
+        self._index = {name: number for number, name in enumerate(self._names)}
+        self._neutral = [servo.neutral for servo in robot.servos.values()]
+        self._largest_steps = [servo.max_velocity * period_ns * 1e-9 for servo in robot.servos.values()]
+        self.targets: list[float] = []
+        """Where the servos are to be."""
+        self.servos: list[float] = []
+        """What they were told last."""
+
+    def set_parameters(self, parameters: GaitParameters) -> None:
+        """Takes new parameters of the spine's functions."""
+        self._spine.set_parameters(parameters)
+
+    def begin(self, measured: Sequence[float], warnings: list[str]) -> None:
+        """Begins where the servos are measured [rad]; in neutral where that is no number.
+
+        Raises ValueError for a wrong number of them.
+        """
+        if len(measured) != len(self._names):
+            raise ValueError(f"{len(measured)} servo positions, expected {len(self._names)}: {', '.join(self._names)}")
+        self.targets = list(measured)
+        for number, position in enumerate(measured):
+            if not math.isfinite(position):
+                self.targets[number] = self._neutral[number]
+                warnings.append(f"{self._names[number]}: measured position {position} rad, neutral position assumed")
+        self.servos = list(self.targets)
+
+    def freeze(self) -> None:
+        """The servos are to stay where they were told to be last."""
+        self.targets = list(self.servos)
+
+    def reset(self) -> None:
+        """Spine, neck and tail go on from the targets, at rest."""
+        vertical = self._index.get("spine_vertical")
+        self._spine.reset(
+            self.targets[self._index["spine_lateral"]], None if vertical is None else self.targets[vertical]
+        )
+        self._head.reset()
+        self._tail.reset()
+
+    def posture(self, posture: Posture, parameters: GaitParameters, warnings: list[str]) -> list[float]:
+        """Servo positions [rad] of a posture: STAND is the gait's neutral stance, others are the robot's own."""
+        if posture is not Posture.STAND:
+            return list(self._robot.posture(posture.name.lower()).values())
+        servos = list(self._neutral)
+        self._legs.step(*neutral_feet(parameters), servos, warnings)
+        return servos
+
+    def bend(
+        self,
+        stamp: int,
+        command: MotionCommand,
+        phases: LegPhases | None,
+        frequency: float,
+        x: Sequence[float],
+        z: Sequence[float],
+        config: MotionModuleConfig,
+        imu: Imu | None,
+        warnings: list[str],
+        lifted: Flags = NOT_LIFTED,
+    ) -> list[float]:
+        """Bends spine, neck and tail; returns the feet's heights [m] with what makes up for the hip's roll."""
+        spine = self._spine.step(command, phases, x, z, lifted, config.arch)
+        warnings.extend(spine.warnings)
+        targets, index = self.targets, self._index
+        targets[index["spine_lateral"]] = spine.servo_position
+        if spine.vertical_servo_position is not None:
+            targets[index["spine_vertical"]] = spine.vertical_servo_position
+        pan, tilt = self._head.step(stamp, config.gaze, imu, spine.flexion, frequency)
+        targets[index["head_pan"]] = pan
+        if tilt is not None:
+            targets[index["head_tilt"]] = tilt
+        targets[index["tail"]] = self._tail.step(config.tail, config.tail_angle, spine.flexion)
+        return [height + offset for height, offset in zip(z, spine.foot_offsets, strict=True)]
+
+    def place(self, x: Sequence[float], z: Sequence[float], warnings: list[str]) -> None:
+        """Puts the feet where they are wanted in their leg planes [m]."""
+        self._legs.step(x, z, self.targets, warnings)
+
+    def pull_knee(self, leg: int, change: float) -> None:
+        """Adds to the target of a leg's knee servo [rad], as far as it goes."""
+        name = f"{LEGS[leg]}_knee"
+        knee = self._index[name]
+        self.targets[knee] = max(self.targets[knee] + change, self._robot.servos[name].lower)
+
+    def limit_rate(self, warnings: list[str]) -> None:
+        """No servo is asked to move faster than it can: whatever came before, a command never jumps."""
+        servos = list(self.targets)
+        for number, (last, target, step) in enumerate(zip(self.servos, servos, self._largest_steps, strict=True)):
+            if not -step <= target - last <= step:
+                servos[number] = last + math.copysign(step, target - last)
+                warnings.append(f"{self._names[number]}: faster than the servo, slowed down")
+        self.servos = servos

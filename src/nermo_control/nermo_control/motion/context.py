@@ -1,0 +1,67 @@
+"""What the states of the motion module work on: what lasts, and what is new in a tick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from nermo_control.gait.knowledge_base import GaitParameters
+from nermo_control.gait.phase import Flags, LegStateMachine
+from nermo_control.motion.body import Body
+from nermo_control.motion.config import MotionModuleConfig
+from nermo_control.motion.feet import Feet, neutral_feet
+from nermo_control.oscillators.legs import OscillatorLegs
+from nermo_control.spine.controller import NOT_LIFTED
+from nermo_control.types import Four, Imu, LegLoads, MotionCommand, SpineModes
+
+STANDING_STILL: Four = (0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(slots=True)
+class MotionContext:
+    """The robot's parts and settings, and one control tick."""
+
+    config: MotionModuleConfig
+    parameters: GaitParameters
+    timeout: int
+    """Silence after which what was heard no longer counts [ns]."""
+    legs: LegStateMachine | OscillatorLegs
+    feet: Feet
+    body: Body
+    stamp: int = 0
+    """Of the tick [ns]."""
+    command: MotionCommand | None = None
+    """The last valid one."""
+    imu: Imu | None = None
+    loads: LegLoads | None = None
+    velocities: Four = STANDING_STILL
+    """v_legs [m/s]."""
+    warnings: list[str] = field(default_factory=list)
+    """What had to be clamped or refused in the tick, in words."""
+
+    def stand_neutral(self) -> None:
+        """All feet stand in the neutral stance; spine, neck and tail go on from where they are."""
+        self.feet.x, self.feet.z = neutral_feet(self.parameters)
+        self.body.reset()
+
+    def place_feet(self, modes: SpineModes | None = None, lifted: Flags = NOT_LIFTED) -> None:
+        """Foot positions -> spine and its offsets -> neck and tail, inverse kinematics.
+
+        `modes` stand in for the command's; `lifted`: feet off the ground, or about to leave it, of a standing robot.
+        """
+        feet, command, z = self.feet, self.command, self.feet.z
+        if command is not None:
+            command = command if modes is None else replace(command, spine_modes=modes)
+            phases = self.legs.now if self.legs.frequency > 0.0 else None
+            z = self.body.bend(
+                self.stamp,
+                command,
+                phases,
+                self.legs.frequency,
+                feet.x,
+                z,
+                self.config,
+                self.imu,
+                self.warnings,
+                lifted,
+            )
+        self.body.place(feet.x, z, self.warnings)
