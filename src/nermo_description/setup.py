@@ -35,6 +35,7 @@ setup(
         "console_scripts": [
             f"export_urdf = {package_name}.scripts.export_urdf:main",
             f"generate_meshes = {package_name}.scripts.generate_meshes:main",
+            f"robot_family = {package_name}.scripts.robot_family:main",
         ]
     },
 )

@@ -94,9 +94,7 @@ def launch_file(
 
 @app.command()
 def up(
-    robot: Annotated[
-        str, typer.Option(help="nermo, nermo_lite, a mouse's parameter file, or cheetah_cub.")
-    ] = "nermo_lite",
+    robot: Annotated[str, typer.Option(help="nermo, nermo_lite, cheetah_cub, or a parameter file.")] = "nermo_lite",
     target: Annotated[
         str, typer.Option(help="sim: the MuJoCo twin. serial: the robot at a cable. link: over Wi-Fi.")
     ] = "sim",

@@ -16,7 +16,16 @@ from nermo_description.pantograph import PantographParameters
 from nermo_description.parameter_files import ParameterError, read_yaml, validate
 from nermo_description.parameters import RobotDescription, RobotParameters
 
-__all__ = ["FAMILIES", "AnyRobot", "ParameterError", "family_of", "load_any_robot", "load_robot", "robot_names"]
+__all__ = [
+    "FAMILIES",
+    "MOUSE",
+    "AnyRobot",
+    "ParameterError",
+    "family_of",
+    "load_any_robot",
+    "load_robot",
+    "robot_names",
+]
 
 AnyRobot = RobotParameters | PantographParameters
 """A robot of any family."""
