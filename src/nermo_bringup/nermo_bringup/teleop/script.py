@@ -13,9 +13,9 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from nermo_bringup.recording.errors import RecordingError
-from nermo_bringup.recording.reader import Recording, TopicData
 from nermo_control.types import ControlCommand, Posture, SpineModes, TrajectoryMode
 from nermo_description.parameter_files import read_yaml, validate
+from nermo_node.recording import Recording, TopicData
 
 ServoPositions = Mapping[str, float]
 """Target of each servo, rad."""

@@ -237,8 +237,7 @@ def _fresh_loads(context: MotionContext) -> Four | None:
 def _leg_velocities(context: MotionContext, command: MotionCommand) -> Four:
     """v_legs [m/s]: the target velocity, within the longest stride, modulated for turning (5.38)-(5.39)."""
     parameters, velocity = context.parameters, command.forward_velocity
-    longest = min(parameters.front.max_stride_length, parameters.rear.max_stride_length)
-    fastest = gait_speed(context.legs.frequency, longest, 1.0 / context.legs.duty_factor)
+    fastest = gait_speed(context.legs.frequency, parameters.longest_stride, 1.0 / context.legs.duty_factor)
     if abs(velocity) > fastest * (1.0 + 1e-9):
         context.warnings.append(f"forward_velocity = {velocity:.3f} m/s: stride too long, clipped to {fastest:.3f} m/s")
         velocity = math.copysign(fastest, velocity)

@@ -18,10 +18,10 @@ from nermo_description.robots import load_of_family
 from nermo_sim.console import print_facts
 from nermo_sim.experiments.experiment import Experiment, Facts, Finished, Outcome
 from nermo_sim.experiments.runs import Job, Result, Settings
-from nermo_sim.leg_dynamics.bench import (
+from nermo_sim.leg_dynamics.fixed_base import (
     Integrator,
     Kind,
-    build_bench,
+    build_fixed_base,
     largest_stable_step,
     step_cost,
     stiffened,
@@ -126,11 +126,11 @@ def table(cases: Sequence[Case], settings: Settings, robot: PantographParameters
 
 def coordinates(robot: PantographParameters, model: Kind) -> dict[str, int | None]:
     """Of the whole robot without its servos: in our model, and in free bodies held together by constraints alone."""
-    bench = build_bench(robot, model, legs=4)
-    bodies = bench.model.nbody  # the world is counted in the place of the trunk
+    base = build_fixed_base(robot, model, legs=4)
+    bodies = base.model.nbody  # the world is counted in the place of the trunk
     inner = 4 if model == "massless_friction" else 0  # the folds of the knees, which are states of first order
     return {
-        "coordinates": 6 + bench.model.nv + inner,
+        "coordinates": 6 + base.model.nv + inner,
         "maximal_coordinates": 6 * bodies if model == "constraints" else None,
     }
 
