@@ -123,7 +123,7 @@ def run_all(
     nermo experiment all --json out.json
     nermo experiment all --quick --out /tmp/quick
     """
-    from nermo_sim.report.html import write_report
+    from nermo_sim.experiments.report import write_report
 
     check_robot(robot)
     settings = EXPERIMENTS["straight-line"].settings(robot, seed, quick, repeats)
