@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from nermo_description.parameter_files import write_yaml
 from nermo_description.results import CommandError, write_results
-from nermo_sim.console import console, print_facts, print_rows, progress
+from nermo_sim.console import console, counting, print_facts, print_rows
 from nermo_sim.options import check_robot
 from nermo_sim.render import film
 
@@ -50,15 +50,8 @@ def search_limit_cycle(
         f"{len(BOUNDS)} parameters, {particles} particles, {rounds} iterations, "
         f"{count} workers, seed {seed}; in {folder}"
     )
-    with progress("rollouts") as report, open_executor(executor, count) as pool:
-        done = 0
-
-        def advance() -> None:
-            nonlocal done
-            done += 1
-            report(done, max(done, expected))
-
-        found = Swarm(pool, log, trot, seed, advance).search(particles, rounds, UNSEEN_TRIALS)
+    with counting("rollouts", expected) as counter, open_executor(executor, count) as pool:
+        found = Swarm(pool, log, trot, seed, counter.advance).search(particles, rounds, UNSEEN_TRIALS)
     gait, frequency, length = gait_of(found.best)
     saved = folder / "limit_cycle.yaml"
     write_yaml({"gait": gait.model_dump(mode="json"), "frequency_hz": frequency, "step_length_m": length}, saved)
