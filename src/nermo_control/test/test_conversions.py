@@ -298,4 +298,4 @@ def test_a_path_that_is_none_is_refused_in_words(message: PathMessage, words: st
 
 
 def test_the_message_has_every_spine_function_and_no_other() -> None:
-    assert tuple(msg.SpineModes.get_fields_and_field_types()) == SPINE_FUNCTIONS
+    assert set(msg.SpineModes.get_fields_and_field_types()) == set(SPINE_FUNCTIONS)

@@ -96,7 +96,7 @@ def count(cases: Sequence[Coin], settings: Settings, robot: Any, results: list[l
 
 
 def draw(done: Outcome) -> list[Path]:
-    done.folder.joinpath("picture.txt").write_text(done.about("N 0.0"))
+    done.folder.joinpath("picture.txt").write_text(done.about(COIN.source))
     return [done.folder / "picture.txt"]
 
 
@@ -111,7 +111,8 @@ COIN = Experiment(
     repeats=Repeats(4, 2, "Tosses"),
     disturbed=False,
     further=lambda done: {"logged": done.cases[0].key + ", run 0" in done.log},
-    pages=draw,
+    source="N 0.0",
+    pictures=draw,
     failure=lambda facts: "no tail" if len(facts["rows"]) == 1 else None,
 )
 

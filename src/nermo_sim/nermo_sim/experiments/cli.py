@@ -92,9 +92,9 @@ def _run(
         experiment.notes(facts)
     if disturbed is not None:
         facts["disturbed"] = disturbed
-    if experiment.pages is not None:
-        facts["pictures"] = experiment.pages(Outcome(facts, settings, folder, video))
-        console.print(f"pictures: {', '.join(map(str, facts['pictures']))}")
+    if pictures := experiment.draw(Outcome(facts, settings, folder, video)):
+        facts["pictures"] = pictures
+        console.print(f"pictures: {', '.join(map(str, pictures))}")
     _write(json, experiment.name, facts, settings)
     if (failure := experiment.failure(facts)) is not None:
         raise CommandError(failure)

@@ -5,16 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic
+from typing import TYPE_CHECKING, Any, Generic
 
 from nermo_description.parameters import TailModel
 from nermo_sim.disturbance import NO_DISTURBANCE
 from nermo_sim.experiments.result_log import ResultLog
 from nermo_sim.experiments.runs import REPEATS, CaseType, Job, Progress, Result, Settings, run_cases
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 Facts = dict[str, Any]
 """What an experiment found: `rows`, and what else it says; the keys of its JSON file."""
 Row = dict[str, Any]
+Figures = list[tuple[str, str, "Figure | None"]]
+"""Name of the file, heading, and figure; None where there is nothing to draw."""
+Tables = list[tuple[str, list[Row]]]
+"""Heading and rows."""
 QUICK_DISTANCE = 0.5
 """Of the straight line [m], with --quick."""
 
@@ -51,17 +58,12 @@ class Outcome:
     folder: Path
     video: bool
 
-    def about(self, source: str = "") -> str:
-        """The line below a page's title; source: the place in a thesis."""
+    def about(self, source: str) -> str:
+        """The line below the page's title; source: the place in a thesis."""
         settings = self.settings
-        words = [f"Robot {settings.robot}", *([source] if source else []), f"seed {settings.seed}"]
-        return ", ".join([*words, *self.conditions]) + "."
-
-    @property
-    def conditions(self) -> list[str]:
-        """What was not as usual, in words."""
-        disturbed = self.facts.get("disturbed", False)
-        return [word for word, said in (("disturbed", disturbed), ("quick", self.settings.quick)) if said]
+        words = (f"Robot {settings.robot}", source, f"seed {settings.seed}")
+        conditions = {"disturbed": self.facts.get("disturbed", False), "quick": settings.quick}
+        return ", ".join([word for word in words if word] + [word for word, so in conditions.items() if so]) + "."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,10 +101,26 @@ class Experiment(Generic[CaseType]):
     """What there is to say beside the rows."""
     notes: Callable[[Facts], None] | None = None
     """Prints what the terminal shows below the table."""
-    pages: Callable[[Outcome], list[Path]] | None = None
-    """Draws; returns the files."""
+    source: str = ""
+    """The place in a thesis, below its page's title."""
+    figures: Callable[[Facts], Figures] | None = None
+    """What its page shows; without figures there is no page."""
+    tables: Callable[[Facts], Tables] = lambda facts: []
+    """The tables of its page."""
+    pictures: Callable[[Outcome], list[Path]] | None = None
+    """Draws what else there is to see; returns the files."""
     failure: Callable[[Facts], str | None] = lambda facts: None
     """Why the command fails on what was found, or None."""
+
+    def draw(self, done: Outcome) -> list[Path]:
+        """Writes its page, if it has one, and its pictures; returns the files. Raises CommandError."""
+        written: list[Path] = []
+        if self.figures is not None:
+            from nermo_sim.report.page import write_page
+
+            about = done.about(self.source)
+            written += write_page(done.folder, self.title, about, self.figures(done.facts), self.tables(done.facts))
+        return written if self.pictures is None else [*written, *self.pictures(done)]
 
     def settings(
         self, robot: str, seed: int = 0, quick: bool = False, repeats: int | None = None, disturbed: bool = True

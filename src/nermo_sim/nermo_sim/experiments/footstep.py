@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from nermo_control.types import ControlCommand, Posture
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_sim.console import cell, console
 from nermo_sim.experiments import coordination, pantograph
-from nermo_sim.experiments.experiment import Experiment, Facts, Finished, Outcome
+from nermo_sim.experiments.experiment import Experiment, Facts, Figures, Finished, Tables
 from nermo_sim.experiments.losses import foot_motion
 from nermo_sim.experiments.runs import SETTLE, Job, Result, Settings, standing_loop
 from nermo_sim.loop import Loop, constant, schedule
@@ -186,21 +185,15 @@ def _notes(facts: Facts) -> None:
         console.print(f"{name}: {cell(values)}")
 
 
-def pages(done: Outcome) -> list[Path]:
-    """Its page and its picture."""
+def _figures(facts: Facts) -> Figures:
     from nermo_sim.report import modulation
-    from nermo_sim.report.page import write_page
 
-    return write_page(
-        done.folder,
-        EXPERIMENT.title,
-        done.about("C 3.2.5 and 3.3.3"),
-        [("footsteps", "Displacement (C figures 3.5, 3.8)", modulation.footsteps(done.facts))],
-        [
-            ("Linear fit", [{"controller": name, **values} for name, values in done.facts["fit"].items()]),
-            ("Footsteps", done.facts["rows"]),
-        ],
-    )
+    return [("footsteps", "Displacement (C figures 3.5, 3.8)", modulation.footsteps(facts))]
+
+
+def _tables(facts: Facts) -> Tables:
+    fits = [{"controller": name, **values} for name, values in facts["fit"].items()]
+    return [("Linear fit", fits), ("Footsteps", facts["rows"])]
 
 
 EXPERIMENT = Experiment(
@@ -221,5 +214,7 @@ EXPERIMENT = Experiment(
     repeats=None,
     further=_further,
     notes=_notes,
-    pages=pages,
+    source="C 3.2.5 and 3.3.3",
+    figures=_figures,
+    tables=_tables,
 )

@@ -26,7 +26,7 @@ from nermo_description.pantograph import PantographParameters
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_sim.disturbance import DisturbedRun
 from nermo_sim.experiments import pantograph
-from nermo_sim.experiments.experiment import Experiment, Facts, Finished, Outcome, Repeats
+from nermo_sim.experiments.experiment import Experiment, Facts, Figures, Finished, Outcome, Repeats
 from nermo_sim.experiments.runs import FALLEN, Job, Result, Settings
 from nermo_sim.loads import TrueLoads
 from nermo_sim.loop import Loop, constant
@@ -271,22 +271,18 @@ def _further(done: Finished[Case]) -> Facts:
     return {"runs": crossings(done.cases, done.results)}
 
 
-def pages(done: Outcome) -> list[Path]:
-    """Its page and its picture, and the first gap, each leg for itself, as a video."""
-    from nermo_sim.render import film
+def _figures(facts: Facts) -> Figures:
     from nermo_sim.report import modulation
-    from nermo_sim.report.page import write_page
 
-    written = write_page(
-        done.folder,
-        EXPERIMENT.title,
-        done.about("C 3.2.5"),
-        [("gap_steps", "Gaps crossed, and footfalls against the gap", modulation.gap_crossings(done.facts))],
-        [("Gaps", done.facts["rows"])],
-    )
-    if done.video:
-        written += film(done.folder / "gap_step.mp4", *filmed(Case("cpg", "each", WIDTHS[1]), done.settings))
-    return written
+    return [("gap_steps", "Gaps crossed, and footfalls against the gap", modulation.gap_crossings(facts))]
+
+
+def _pictures(done: Outcome) -> list[Path]:
+    from nermo_sim.render import film
+
+    if not done.video:
+        return []
+    return film(done.folder / "gap_step.mp4", *filmed(Case("cpg", "each", WIDTHS[1]), done.settings))
 
 
 EXPERIMENT = Experiment(
@@ -314,5 +310,8 @@ EXPERIMENT = Experiment(
     disturbed=False,
     video="the first gap, each leg for itself",
     further=_further,
-    pages=pages,
+    source="C 3.2.5",
+    figures=_figures,
+    tables=lambda facts: [("Gaps", facts["rows"])],
+    pictures=_pictures,
 )

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from nermo_control.oscillators.legs import Coordination
 from nermo_control.types import ControlCommand, Posture, TrajectoryMode
 from nermo_description.parameters import RobotParameters
 from nermo_sim.experiments import coordination
-from nermo_sim.experiments.experiment import Experiment, Outcome
+from nermo_sim.experiments.experiment import Experiment, Facts, Figures
 from nermo_sim.experiments.runs import FALLEN, SETTLE, Job, Result, Settings, full_speed, standing_loop
 from nermo_sim.loop import constant
 
@@ -105,18 +104,10 @@ def table(cases: Sequence[Case], settings: Settings, robot: RobotParameters, res
     return rows
 
 
-def pages(done: Outcome) -> list[Path]:
-    """Its page and its picture."""
+def _figures(facts: Facts) -> Figures:
     from nermo_sim.report import modulation
-    from nermo_sim.report.page import write_page
 
-    return write_page(
-        done.folder,
-        EXPERIMENT.title,
-        done.about(),
-        [("pushes", "Survived, and recovered when", modulation.pushes(done.facts))],
-        [("Pushes", done.facts["rows"])],
-    )
+    return [("pushes", "Survived, and recovered when", modulation.pushes(facts))]
 
 
 EXPERIMENT = Experiment(
@@ -135,5 +126,6 @@ EXPERIMENT = Experiment(
     cases=cases,
     run=run,
     table=table,
-    pages=pages,
+    figures=_figures,
+    tables=lambda facts: [("Pushes", facts["rows"])],
 )

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from nermo_description.pantograph import PantographParameters
 from nermo_description.robots import load_of_family
 from nermo_sim.console import print_facts
-from nermo_sim.experiments.experiment import Experiment, Facts, Finished, Outcome
+from nermo_sim.experiments.experiment import Experiment, Facts, Figures, Finished
 from nermo_sim.experiments.runs import Job, Result, Settings
 from nermo_sim.leg_dynamics.fixed_base import (
     Integrator,
@@ -171,23 +170,14 @@ def _notes(facts: Facts) -> None:
         print_facts("cost of transport", {row["model"]: row for row in facts["transport"]})
 
 
-def pages(done: Outcome) -> list[Path]:
-    """Its page and its pictures."""
+def _figures(facts: Facts) -> Figures:
     from nermo_sim.report import legs
-    from nermo_sim.report.page import write_page
 
-    facts = done.facts
-    return write_page(
-        done.folder,
-        EXPERIMENT.title,
-        done.about("C chapter 2"),
-        [
-            ("steps", "Largest stable step and its cost (C figures 2.5, 2.6, 2.10)", legs.largest_steps(facts)),
-            ("leg_force", "Force of the leg (C figure 2.9)", legs.leg_force(facts)),
-            ("energy", "Cost of transport", legs.energy(facts)),
-        ],
-        [("Steps", facts["rows"]), ("Cost of transport", facts["transport"])],
-    )
+    return [
+        ("steps", "Largest stable step and its cost (C figures 2.5, 2.6, 2.10)", legs.largest_steps(facts)),
+        ("leg_force", "Force of the leg (C figure 2.9)", legs.leg_force(facts)),
+        ("energy", "Cost of transport", legs.energy(facts)),
+    ]
 
 
 EXPERIMENT = Experiment(
@@ -213,5 +203,7 @@ EXPERIMENT = Experiment(
     repeats=None,
     further=further,
     notes=_notes,
-    pages=pages,
+    source="C chapter 2",
+    figures=_figures,
+    tables=lambda facts: [("Steps", facts["rows"]), ("Cost of transport", facts["transport"])],
 )

@@ -185,7 +185,7 @@ def _row(case: Case, settings: Settings, robot: RobotParameters, runs: list[Resu
     }
 
 
-def pages(done: Outcome) -> list[Path]:
+def _pictures(done: Outcome) -> list[Path]:
     """The table's speeds and one trot as pictures, and that trot as a video."""
     from nermo_sim.plots import plot_run, plot_speeds
     from nermo_sim.render import film
@@ -240,6 +240,6 @@ EXPERIMENT = Experiment(
     tail="rigid",
     video="the trot at 0.8 Hz",
     notes=_notes,
-    pages=pages,
+    pictures=_pictures,
     failure=_failure,
 )

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from nermo_control.types import ControlCommand, Posture
 from nermo_description.parameters import RobotParameters
 from nermo_sim.disturbance import DisturbedRun
 from nermo_sim.experiments import coordination, pantograph
-from nermo_sim.experiments.experiment import Experiment, Facts, Finished, Outcome
+from nermo_sim.experiments.experiment import Experiment, Facts, Figures, Finished
 from nermo_sim.experiments.footfalls import name_gait, touch_down_lags, touch_downs
 from nermo_sim.experiments.runs import FALLEN, SETTLE, Job, Result, Settings, standing_loop
 from nermo_sim.loop import constant
@@ -204,18 +203,10 @@ def _further(done: Finished[Case]) -> Facts:
     return {"series": series(done.cases, done.results)}
 
 
-def pages(done: Outcome) -> list[Path]:
-    """Its page and its picture."""
+def _figures(facts: Facts) -> Figures:
     from nermo_sim.report import modulation
-    from nermo_sim.report.page import write_page
 
-    return write_page(
-        done.folder,
-        EXPERIMENT.title,
-        done.about("C 3.3.2.3"),
-        [("gaits", "Lags of the footfalls, and phases (C figure 3.7)", modulation.transitions(done.facts))],
-        [("Gaits", done.facts["rows"])],
-    )
+    return [("gaits", "Lags of the footfalls, and phases (C figure 3.7)", modulation.transitions(facts))]
 
 
 EXPERIMENT = Experiment(
@@ -238,5 +229,7 @@ EXPERIMENT = Experiment(
     table=table,
     families=("mouse", "pantograph"),
     further=_further,
-    pages=pages,
+    source="C 3.3.2.3",
+    figures=_figures,
+    tables=lambda facts: [("Gaits", facts["rows"])],
 )
