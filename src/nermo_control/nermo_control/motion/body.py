@@ -13,8 +13,13 @@ from nermo_control.motion.config import MotionModuleConfig
 from nermo_control.motion.feet import neutral_feet
 from nermo_control.spine.controller import NOT_LIFTED, SpineController
 from nermo_control.tail import TailController
-from nermo_control.types import Imu, MotionCommand, Posture
+from nermo_control.types import Four, Imu, MotionCommand, Posture
 from nermo_description.parameters import LEGS, RobotParameters
+
+FARTHEST_BACK = 2e-3
+"""A knee moves a foot by less than that in a tick [m]: so far an offset may even go back."""
+HALVINGS = 12
+"""An offset that comes later is found to a micrometre."""
 
 
 class Body:
@@ -30,6 +35,9 @@ class Body:
         self._index = {name: number for number, name in enumerate(self._names)}
         self._neutral = [servo.neutral for servo in robot.servos.values()]
         self._largest_steps = [servo.max_velocity * period_ns * 1e-9 for servo in robot.servos.values()]
+        self._knees = [self._index[f"{leg}_knee"] for leg in LEGS]
+        self._offsets = [0.0] * len(LEGS)
+        """Of the feet's heights, as they were placed last [m]."""
         self.targets: list[float] = []
         """Where the servos are to be."""
         self.servos: list[float] = []
@@ -65,6 +73,7 @@ class Body:
         )
         self._head.reset()
         self._tail.reset()
+        self._offsets = [0.0] * len(LEGS)
 
     def posture(self, posture: Posture, parameters: GaitParameters, warnings: list[str]) -> list[float]:
         """Servo positions [rad] of a posture: STAND is the gait's neutral stance, others are the robot's own."""
@@ -86,8 +95,8 @@ class Body:
         imu: Imu | None,
         warnings: list[str],
         lifted: Flags = NOT_LIFTED,
-    ) -> list[float]:
-        """Bends spine, neck and tail; returns the feet's heights [m] with what makes up for the hip's roll."""
+    ) -> Four:
+        """Bends spine, neck and tail; returns what is to be added to the feet's heights [m] for the hip's roll."""
         spine = self._spine.step(command, phases, x, z, lifted, config.arch)
         warnings.extend(spine.warnings)
         targets, index = self.targets, self._index
@@ -99,17 +108,53 @@ class Body:
         if tilt is not None:
             targets[index["head_tilt"]] = tilt
         targets[index["tail"]] = self._tail.step(config.tail, config.tail_angle, spine.flexion)
-        return [height + offset for height, offset in zip(z, spine.foot_offsets, strict=True)]
+        return spine.foot_offsets
 
-    def place(self, x: Sequence[float], z: Sequence[float], warnings: list[str]) -> None:
-        """Puts the feet where they are wanted in their leg planes [m]."""
-        self._legs.step(x, z, self.targets, warnings)
+    def place(self, x: Sequence[float], z: Sequence[float], offsets: Four, lifting: bool, warnings: list[str]) -> None:
+        """Puts the feet where they are wanted in their leg planes [m], with offsets of their heights.
+
+        A swing may ask for nearly all that a knee can do. An offset that changes meanwhile then comes later, so that
+        the foot keeps to its path; not so while a knee is pulled to lift a leg.
+        """
+        heights = [height + offset for height, offset in zip(z, offsets, strict=True)]
+        self._legs.step(x, heights, self.targets, warnings)
+        for leg, (wanted, last) in enumerate(zip(offsets, self._offsets, strict=True)):
+            self._offsets[leg] = wanted
+            if not lifting and (wanted or last) and self._too_fast(leg):
+                self._offsets[leg] = self._later(leg, x[leg], z[leg], last, wanted)
+
+    def _later(self, leg: int, x: float, z: float, last: float, wanted: float) -> float:
+        """Places a leg with the offset [m] nearest to the wanted one that its knee reaches in this tick, if any."""
+        side = self._too_fast(leg)
+
+        def reached(offset: float) -> bool:
+            self._legs.place(leg, x, z + offset, self.targets)
+            return self._too_fast(leg) != side
+
+        for slow in (last, last - math.copysign(FARTHEST_BACK, wanted - last)):
+            if reached(slow):
+                break
+        else:
+            reached(wanted)
+            return wanted
+        fast = wanted
+        for _ in range(HALVINGS):
+            middle = 0.5 * (slow + fast)
+            slow, fast = (middle, fast) if reached(middle) else (slow, middle)
+        reached(slow)
+        return slow
+
+    def _too_fast(self, leg: int) -> int:
+        """1 or -1 where the target of a leg's knee is farther above or below than it gets in a tick, otherwise 0."""
+        knee = self._knees[leg]
+        move = self.targets[knee] - self.servos[knee]
+        return (move > self._largest_steps[knee]) - (move < -self._largest_steps[knee])
 
     def pull_knee(self, leg: int, change: float) -> None:
         """Adds to the target of a leg's knee servo [rad], as far as it goes."""
-        name = f"{LEGS[leg]}_knee"
-        knee = self._index[name]
-        self.targets[knee] = max(self.targets[knee] + change, self._robot.servos[name].lower)
+        knee = self._knees[leg]
+        lower = self._robot.servos[self._names[knee]].lower
+        self.targets[knee] = max(self.targets[knee] + change, lower)
 
     def limit_rate(self, warnings: list[str]) -> None:
         """No servo is asked to move faster than it can: whatever came before, a command never jumps."""

@@ -14,6 +14,7 @@ from nermo_control.spine.controller import NOT_LIFTED
 from nermo_control.types import Four, Imu, LegLoads, MotionCommand, SpineModes
 
 STANDING_STILL: Four = (0.0, 0.0, 0.0, 0.0)
+NO_OFFSETS: Four = (0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(slots=True)
@@ -48,20 +49,20 @@ class MotionContext:
 
         `modes` stand in for the command's; `lifted`: feet off the ground, or about to leave it, of a standing robot.
         """
-        feet, command, z = self.feet, self.command, self.feet.z
+        feet, command, offsets = self.feet, self.command, NO_OFFSETS
         if command is not None:
             command = command if modes is None else replace(command, spine_modes=modes)
             phases = self.legs.now if self.legs.frequency > 0.0 else None
-            z = self.body.bend(
+            offsets = self.body.bend(
                 self.stamp,
                 command,
                 phases,
                 self.legs.frequency,
                 feet.x,
-                z,
+                feet.z,
                 self.config,
                 self.imu,
                 self.warnings,
                 lifted,
             )
-        self.body.place(feet.x, z, self.warnings)
+        self.body.place(feet.x, feet.z, offsets, lifted is not NOT_LIFTED, self.warnings)
