@@ -86,7 +86,8 @@ def _family(data: Any, path: Path) -> str:
 
 def _wrong_family(robot: str | Path, family: str, wanted: Sequence[str]) -> ParameterError:
     known = ", ".join(robot_names(wanted))
-    return ParameterError(f"robot {str(robot)!r} is a {family}; here a {' or '.join(wanted)} is needed: {known}")
+    needed = " or ".join(wanted)
+    return ParameterError(f"robot {str(robot)!r} is of the family {family}; needed here is {needed}: {known}")
 
 
 def _with_base(data: Any, path: Path) -> Any:

@@ -42,7 +42,7 @@ def test_is_found_by_name_and_told_from_a_mouse():
     assert robot_names(("pantograph",)) == ("cheetah_cub",)
     assert (family_of("cheetah_cub"), family_of("nermo")) == ("pantograph", "mouse")
     assert load_any_robot("nermo_lite") == load_robot("nermo_lite")
-    with pytest.raises(ParameterError, match="'cheetah_cub' is a pantograph; here a mouse is needed: nermo"):
+    with pytest.raises(ParameterError, match="'cheetah_cub' is of the family pantograph; needed here is mouse: nermo"):
         load_robot("cheetah_cub")
     with pytest.raises(ParameterError, match="known are cheetah_cub, nermo, nermo_lite"):
         load_any_robot("cheetah")
@@ -52,7 +52,7 @@ def test_a_file_says_its_family(tmp_path: Path):
     file = tmp_path / "cub.yaml"
     file.write_text("base: cheetah_cub\nname: heavier\nmass: 1.3\n")
     assert load_any_robot(file).mass == 1.3
-    with pytest.raises(ParameterError, match=r"cub.yaml' is a pantograph; here a mouse is needed"):
+    with pytest.raises(ParameterError, match=r"cub.yaml' is of the family pantograph; needed here is mouse"):
         load_robot(file)
     file.write_text("family: dog\n")
     with pytest.raises(ParameterError, match="family: is 'dog'; it must be one of mouse, pantograph"):

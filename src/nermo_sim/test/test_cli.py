@@ -145,7 +145,7 @@ def test_experiments_refuse_robots_of_another_family(tmp_path: Path) -> None:
         for family in set(strangers) - set(experiment.families):
             result = CliRunner().invoke(experiment_app, [name, "--robot", strangers[family], "--out", str(tmp_path)])
             assert isinstance(result.exception, CommandError), name
-            assert f"is a {family}; here a" in str(result.exception)
+            assert f"is of the family {family}; needed here is" in str(result.exception)
 
 
 @pytest.mark.parametrize(

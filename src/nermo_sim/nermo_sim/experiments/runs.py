@@ -75,7 +75,7 @@ class Settings:
         """The same, where it must be a mouse. Raises ParameterError."""
         robot = self.parameters
         if not isinstance(robot, RobotParameters):
-            raise ParameterError(f"robot {self.robot!r} is a {robot.family}; here a mouse is needed")
+            raise ParameterError(f"robot {self.robot!r} is of the family {robot.family}; needed here is mouse")
         return robot
 
     @property
