@@ -16,6 +16,7 @@ from nermo_control.motion.config import MotionModuleConfig
 from nermo_control.motion.context import STANDING_STILL, MotionContext
 from nermo_control.motion.feet import Feet, neutral_feet
 from nermo_control.motion.states import Holding, State, Walking
+from nermo_control.motion.tick import Tick
 from nermo_control.oscillators.legs import OscillatorLegs
 from nermo_control.types import FootTrajectory, Imu, LegLoads, MotionCommand, MotionOutput, Posture
 from nermo_control.validation import motion_command_error
@@ -51,6 +52,7 @@ class MotionModule:
             legs=legs,
             feet=Feet(gait_parameters, legs, period_ns),
             body=Body(robot, gait_parameters, period_ns),
+            tick=Tick(0),
         )
         self._inbox: Inbox[MotionCommand] = Inbox(
             lambda command: motion_command_error(command, self._context.parameters),
@@ -111,43 +113,43 @@ class MotionModule:
         """
         if stamp == self._last_stamp:
             return self._output
-        context, warnings = self._context, list[str]()
-        context.stamp, context.imu, context.loads = stamp, imu, loads
-        context.warnings, context.velocities = warnings, STANDING_STILL
+        context = self._context
+        context.tick = tick = Tick(stamp, imu, loads)
+        context.velocities = STANDING_STILL
         if self._last_stamp is None or not 0 < stamp - self._last_stamp <= context.timeout:
             self._restart(servo_positions)
         self._last_stamp = stamp
 
-        self._inbox.take(stamp, command, warnings)
-        context.command = self._inbox.command
+        self._inbox.take(stamp, command, tick.warnings)
+        tick.command = self._inbox.command
         self._state = self._state.next(context, self._goal()).step(context)
 
-        context.body.limit_rate(warnings)
+        context.body.limit_rate(tick.warnings)
         states = context.feet.leg_states(stamp, context.velocities)
-        self._output = MotionOutput(tuple(context.body.servos), states, tuple(warnings))
+        self._output = MotionOutput(tuple(context.body.servos), states, tuple(tick.warnings))
         return self._output
 
     def _restart(self, measured: Sequence[float]) -> None:
         """Forgets everything and holds the servos where they are."""
-        self._context.body.begin(measured, self._context.warnings)
+        self._context.body.begin(measured, self._context.tick.warnings)
         self._inbox.clear()
         self._state = Holding.begin(self._context, at=None)
 
     def _goal(self) -> Posture | None:
         """Posture that is wanted now; None while nothing ever was. Silence turns walking into standing still."""
-        context, command = self._context, self._context.command
+        context, command = self._context, self._context.tick.command
         if command is None:
             return None
         if command.posture == Posture.WALK and (silent := self._silent()):
             if isinstance(self._state, Walking):
                 names = " and ".join(silent)
-                context.warnings.append(f"nothing from {names} for {context.timeout * 1e-9:g} s: the mouse stops")
+                context.tick.warnings.append(f"nothing from {names} for {context.timeout * 1e-9:g} s: the mouse stops")
             return Posture.STILL
         return Posture(command.posture)
 
     def _silent(self) -> list[str]:
         """Nodes whose last message no longer counts; without all of them the mouse does not walk."""
-        stamp, timeout = self._context.stamp, self._context.timeout
+        stamp, timeout = self._context.tick.stamp, self._context.timeout
         silent = [] if self._inbox.fresh(stamp) else ["high_level_controller"]
         if not self._context.config.lockstep:
             silent += [s for s in _SOURCES if s not in self._alive or abs(stamp - self._alive[s]) > timeout]

@@ -6,14 +6,16 @@ import math
 from collections.abc import Sequence
 
 from nermo_control.gait.knowledge_base import GaitParameters
-from nermo_control.gait.phase import Flags, LegPhases
+from nermo_control.gait.phase import Flags, LegStateMachine
 from nermo_control.head import GazeController
 from nermo_control.leg_controller import LegController
 from nermo_control.motion.config import MotionModuleConfig
-from nermo_control.motion.feet import neutral_feet
+from nermo_control.motion.feet import Feet, neutral_feet
+from nermo_control.motion.tick import Tick
+from nermo_control.oscillators.legs import OscillatorLegs
 from nermo_control.spine.controller import NOT_LIFTED, SpineController
 from nermo_control.tail import TailController
-from nermo_control.types import Four, Imu, MotionCommand, Posture
+from nermo_control.types import Four, MotionCommand, Posture
 from nermo_description.parameters import LEGS, RobotParameters
 
 FARTHEST_BACK = 2e-3
@@ -85,43 +87,40 @@ class Body:
 
     def bend(
         self,
-        stamp: int,
+        tick: Tick,
         command: MotionCommand,
-        phases: LegPhases | None,
-        frequency: float,
-        x: Sequence[float],
-        z: Sequence[float],
         config: MotionModuleConfig,
-        imu: Imu | None,
-        warnings: list[str],
+        feet: Feet,
+        legs: LegStateMachine | OscillatorLegs,
         lifted: Flags = NOT_LIFTED,
     ) -> Four:
         """Bends spine, neck and tail; returns what is to be added to the feet's heights [m] for the hip's roll."""
-        spine = self._spine.step(command, phases, x, z, lifted, config.arch)
-        warnings.extend(spine.warnings)
+        phases = legs.now if legs.frequency > 0.0 else None
+        spine = self._spine.step(command, phases, feet.x, feet.z, lifted, config.arch)
+        tick.warnings.extend(spine.warnings)
         targets, index = self.targets, self._index
         targets[index["spine_lateral"]] = spine.servo_position
         if spine.vertical_servo_position is not None:
             targets[index["spine_vertical"]] = spine.vertical_servo_position
-        pan, tilt = self._head.step(stamp, config.gaze, imu, spine.flexion, frequency)
+        pan, tilt = self._head.step(tick.stamp, config.gaze, tick.imu, spine.flexion, legs.frequency)
         targets[index["head_pan"]] = pan
         if tilt is not None:
             targets[index["head_tilt"]] = tilt
         targets[index["tail"]] = self._tail.step(config.tail, config.tail_angle, spine.flexion)
         return spine.foot_offsets
 
-    def place(self, x: Sequence[float], z: Sequence[float], offsets: Four, lifting: bool, warnings: list[str]) -> None:
+    def place(self, feet: Feet, offsets: Four, lifting: bool, warnings: list[str]) -> None:
         """Puts the feet where they are wanted in their leg planes [m], with offsets of their heights.
 
         A swing may ask for nearly all that a knee can do. An offset that changes meanwhile then comes later, so that
         the foot keeps to its path; not so while a knee is pulled to lift a leg.
         """
-        heights = [height + offset for height, offset in zip(z, offsets, strict=True)]
-        self._legs.step(x, heights, self.targets, warnings)
+        heights = [height + offset for height, offset in zip(feet.z, offsets, strict=True)]
+        self._legs.step(feet.x, heights, self.targets, warnings)
         for leg, (wanted, last) in enumerate(zip(offsets, self._offsets, strict=True)):
             self._offsets[leg] = wanted
             if not lifting and (wanted or last) and self._too_fast(leg):
-                self._offsets[leg] = self._later(leg, x[leg], z[leg], last, wanted)
+                self._offsets[leg] = self._later(leg, feet.x[leg], feet.z[leg], last, wanted)
 
     def _later(self, leg: int, x: float, z: float, last: float, wanted: float) -> float:
         """Places a leg with the offset [m] nearest to the wanted one that its knee reaches in this tick, if any."""

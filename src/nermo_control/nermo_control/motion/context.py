@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.gait.phase import Flags, LegStateMachine
 from nermo_control.motion.body import Body
 from nermo_control.motion.config import MotionModuleConfig
 from nermo_control.motion.feet import Feet, neutral_feet
+from nermo_control.motion.tick import Tick
 from nermo_control.oscillators.legs import OscillatorLegs
 from nermo_control.spine.controller import NOT_LIFTED
-from nermo_control.types import Four, Imu, LegLoads, MotionCommand, SpineModes
+from nermo_control.types import Four, SpineModes
 
 STANDING_STILL: Four = (0.0, 0.0, 0.0, 0.0)
 NO_OFFSETS: Four = (0.0, 0.0, 0.0, 0.0)
@@ -19,7 +20,7 @@ NO_OFFSETS: Four = (0.0, 0.0, 0.0, 0.0)
 
 @dataclass(slots=True)
 class MotionContext:
-    """The robot's parts and settings, and one control tick."""
+    """The robot's parts and settings, and the present control tick."""
 
     config: MotionModuleConfig
     parameters: GaitParameters
@@ -28,16 +29,9 @@ class MotionContext:
     legs: LegStateMachine | OscillatorLegs
     feet: Feet
     body: Body
-    stamp: int = 0
-    """Of the tick [ns]."""
-    command: MotionCommand | None = None
-    """The last valid one."""
-    imu: Imu | None = None
-    loads: LegLoads | None = None
+    tick: Tick
     velocities: Four = STANDING_STILL
     """v_legs [m/s]."""
-    warnings: list[str] = field(default_factory=list)
-    """What had to be clamped or refused in the tick, in words."""
 
     def stand_neutral(self) -> None:
         """All feet stand in the neutral stance; spine, neck and tail go on from where they are."""
@@ -49,20 +43,8 @@ class MotionContext:
 
         `modes` stand in for the command's; `lifted`: feet off the ground, or about to leave it, of a standing robot.
         """
-        feet, command, offsets = self.feet, self.command, NO_OFFSETS
-        if command is not None:
-            command = command if modes is None else replace(command, spine_modes=modes)
-            phases = self.legs.now if self.legs.frequency > 0.0 else None
-            offsets = self.body.bend(
-                self.stamp,
-                command,
-                phases,
-                self.legs.frequency,
-                feet.x,
-                feet.z,
-                self.config,
-                self.imu,
-                self.warnings,
-                lifted,
-            )
-        self.body.place(feet.x, feet.z, offsets, lifted is not NOT_LIFTED, self.warnings)
+        tick, offsets = self.tick, NO_OFFSETS
+        if tick.command is not None:
+            command = tick.command if modes is None else replace(tick.command, spine_modes=modes)
+            offsets = self.body.bend(tick, command, self.config, self.feet, self.legs, lifted)
+        self.body.place(self.feet, offsets, lifted is not NOT_LIFTED, tick.warnings)

@@ -121,12 +121,12 @@ class Moving(_Posed):
     @classmethod
     def begin(cls, context: MotionContext, posture: Posture, at: Posture | None) -> Moving:
         """From where the servos are."""
-        servos = context.body.posture(posture, context.parameters, context.warnings)
-        return cls(posture, at, Blend(context.body.servos, servos, context.config.posture_velocity, context.stamp))
+        servos = context.body.posture(posture, context.parameters, context.tick.warnings)
+        return cls(posture, at, Blend(context.body.servos, servos, context.config.posture_velocity, context.tick.stamp))
 
     def step(self, context: MotionContext) -> State:
-        context.body.targets = self._blend.at(context.stamp)
-        if self._blend.done(context.stamp):
+        context.body.targets = self._blend.at(context.tick.stamp)
+        if self._blend.done(context.tick.stamp):
             return Holding.begin(context, self.posture).step(context)
         return self
 
@@ -138,7 +138,7 @@ class Walking(State):
     def begin(cls, context: MotionContext) -> Walking:
         """Out of standing on four feet."""
         command = _command(context)
-        context.legs.start(context.stamp, context.parameters.gaits[command.gait], command.gait_frequency)
+        context.legs.start(context.tick.stamp, context.parameters.gaits[command.gait], command.gait_frequency)
         return cls()
 
     def towards(self, context: MotionContext, goal: Posture) -> State:
@@ -152,10 +152,10 @@ class Walking(State):
         command = _command(context)
         gait, legs = context.parameters.gaits[command.gait], context.legs
         if isinstance(legs, OscillatorLegs):
-            legs.step(context.stamp, gait, command.gait_frequency, _fresh_loads(context))
+            legs.step(context.tick.stamp, gait, command.gait_frequency, _fresh_loads(context))
         else:
-            legs.step(context.stamp, gait, command.gait_frequency)
-        context.feet.follow(context.stamp)
+            legs.step(context.tick.stamp, gait, command.gait_frequency)
+        context.feet.follow(context.tick.stamp)
         context.velocities = _leg_velocities(context, command)
         context.place_feet()
         return self
@@ -173,13 +173,13 @@ class Settling(State):
         """From wherever in the gait the feet are."""
         duration = round(context.parameters.settle_duration * 1e9)
         context.feet.stand()
-        return cls(context.stamp, duration, list(context.feet.z), neutral_feet(context.parameters)[1])
+        return cls(context.tick.stamp, duration, list(context.feet.z), neutral_feet(context.parameters)[1])
 
     def towards(self, context: MotionContext, goal: Posture) -> State:
         return self
 
     def step(self, context: MotionContext) -> State:
-        share = smooth((context.stamp - self._start) / self._duration)
+        share = smooth((context.tick.stamp - self._start) / self._duration)
         context.feet.z = [start + share * (end - start) for start, end in zip(self._from, self._to, strict=True)]
         if share >= 1.0:
             return Holding.begin(context, Posture.STILL).step(context)
@@ -197,7 +197,7 @@ class Lifting(State):
     @classmethod
     def begin(cls, context: MotionContext, posture: Posture) -> State:
         """From the stand."""
-        return cls(posture, LegLift(LIFTED_LEG[posture], context.stamp)).towards(context, posture)
+        return cls(posture, LegLift(LIFTED_LEG[posture], context.tick.stamp)).towards(context, posture)
 
     def next(self, context: MotionContext, goal: Posture | None) -> State:
         return self._freeze(context) if goal is Posture.STOP else self._keep(context, goal)
@@ -207,29 +207,29 @@ class Lifting(State):
 
     def _keep(self, context: MotionContext, goal: Posture | None) -> State:
         if goal is not self._posture:
-            self._lift.lower(context.stamp)
-        elif context.command is not None:
-            self._modes = context.command.spine_modes
-        return Holding.begin(context, Posture.STILL) if self._lift.down(context.stamp) else self
+            self._lift.lower(context.tick.stamp)
+        elif context.tick.command is not None:
+            self._modes = context.tick.command.spine_modes
+        return Holding.begin(context, Posture.STILL) if self._lift.down(context.tick.stamp) else self
 
     def step(self, context: MotionContext) -> State:
         context.place_feet(self._modes, self._lift.lifted)
-        context.body.pull_knee(self._lift.leg, self._lift.knee(context.stamp))
+        context.body.pull_knee(self._lift.leg, self._lift.knee(context.tick.stamp))
         return self
 
 
 def _command(context: MotionContext) -> MotionCommand:
-    assert context.command is not None, "walking without a command"
-    return context.command
+    assert context.tick.command is not None, "walking without a command"
+    return context.tick.command
 
 
 def _fresh_loads(context: MotionContext) -> Four | None:
     """What the feet bear [N], if that is known and wanted."""
     if context.config.coordination != "tegotae":
         return None
-    loads = context.loads
-    if loads is None or abs(context.stamp - loads.stamp) > context.timeout:
-        context.warnings.append("no leg_loads: the legs run free of their loads")
+    loads = context.tick.loads
+    if loads is None or abs(context.tick.stamp - loads.stamp) > context.timeout:
+        context.tick.warnings.append("no leg_loads: the legs run free of their loads")
         return None
     return loads.load
 
@@ -239,7 +239,9 @@ def _leg_velocities(context: MotionContext, command: MotionCommand) -> Four:
     parameters, velocity = context.parameters, command.forward_velocity
     fastest = gait_speed(context.legs.frequency, parameters.longest_stride, 1.0 / context.legs.duty_factor)
     if abs(velocity) > fastest * (1.0 + 1e-9):
-        context.warnings.append(f"forward_velocity = {velocity:.3f} m/s: stride too long, clipped to {fastest:.3f} m/s")
+        context.tick.warnings.append(
+            f"forward_velocity = {velocity:.3f} m/s: stride too long, clipped to {fastest:.3f} m/s"
+        )
         velocity = math.copysign(fastest, velocity)
     turn = 0.0 if command.turning_strategy == "spine" else command.turn_rate_normalized
     left, right = leg_modulation(turn, parameters.turn_response_exponent)
