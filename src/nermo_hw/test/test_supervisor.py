@@ -90,7 +90,7 @@ def change(walk: Walk, cause: Cause) -> None:
         case Cause.LINK_LOST:
             walk.heard = walk.commands = False
         case Cause.EMERGENCY_STOP:
-            walk.supervisor.emergency_stop("a test")
+            walk.supervisor.stops.press("a test")
         case Cause.FALLEN:
             walk.sample = replace(GOOD, orientation=tilted(1.5))
         case Cause.OVER_CURRENT:
@@ -154,7 +154,7 @@ def test_it_says_when_only_the_line_has_to_be_released() -> None:
     walk.sample = GOOD
     walk.run(0.1)
     assert walk.supervisor.waits_for_the_line_only
-    walk.supervisor.emergency_stop("a test")
+    walk.supervisor.stops.press("a test")
     assert not walk.supervisor.waits_for_the_line_only
 
 
@@ -273,7 +273,7 @@ def test_nothing_that_comes_in_gets_an_unsafe_output_out(events: list) -> None:
             case "release":
                 supervisor.release(now)
             case "stop":
-                supervisor.emergency_stop("a test")
+                supervisor.stops.press("a test")
             case "heard":
                 supervisor.heard(now)
             case "silent":

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from nermo_description.emergency_stops import EmergencyStops
 from nermo_description.parameters import RobotParameters
 from nermo_description.servo_command import RefusedCommandError, ServoCommandDoor
 from nermo_hw.safety.causes import RULE_OF, RULES, Cause, State
@@ -85,6 +86,8 @@ class SafetySupervisor:
         self.robot = robot
         self.settings = settings or SafetySettings()
         self.servos = tuple(robot.servos)
+        self.stops = EmergencyStops()
+        """Who stops the robot; any thread and signal handler may say so here."""
         self._limits = ServoLimits(robot, self.settings.torque_share)
         self._door = ServoCommandDoor(self.servos, self.settings.max_command_age, self.settings.max_command_lead)
         self._crouch = np.array(list(robot.posture("crouch").values()))
@@ -147,33 +150,30 @@ class SafetySupervisor:
         """An exchange with the device failed."""
         self._watch(Cause.LINE_LOST, True, now, why)
 
-    def emergency_stop(self, source: str) -> None:
-        """Limp at once, until it is released."""
-        self._latched.add(Cause.EMERGENCY_STOP)
-        self._why[Cause.EMERGENCY_STOP] = source
-
-    def end_emergency_stop(self) -> None:
-        """Whoever pressed it has ended it; every other latched cause stays."""
-        self._latched.discard(Cause.EMERGENCY_STOP)
-
     def release(self, now: int) -> str:
         """Takes back every latched cause whose condition has gone; what is left, in words, empty where nothing is.
+
+        Emergency stops are taken back all together, once no source says stop any more.
 
         A device that is limp because it was told so, or because it has restarted, is no reason to refuse: releasing it
         is what this is for.
         """
+        stopped = self.stops.release()
+        self._watch_stops(now)
         for cause in list(self._latched):
             if cause is Cause.DEVICE_LIMP or cause not in self._since:
                 self._latched.discard(cause)
         self._since.pop(Cause.DEVICE_LIMP, None)
         self._begin_softly()
-        return "; ".join(self.reason(cause) for cause in self._holding(now) if RULE_OF[cause].latched)
+        left = [cause for cause in self._holding(now) if RULE_OF[cause].latched]
+        return "; ".join(stopped if cause is Cause.EMERGENCY_STOP else self.reason(cause) for cause in left)
 
     @property
     def waits_for_the_line_only(self) -> bool:
         """Whether nothing is latched but the start and a line or device that is there again."""
         line = {Cause.START, Cause.LINE_LOST, Cause.DEVICE_LIMP}
-        return bool(self._latched) and self._latched <= line and Cause.LINE_LOST not in self._since
+        waits = bool(self._latched) and self._latched <= line and Cause.LINE_LOST not in self._since
+        return waits and not self.stops.active
 
     # What goes out
 
@@ -181,6 +181,7 @@ class SafetySupervisor:
         """One control tick."""
         dt = min(max((now - self._last_step) * 1e-9, 0.0), LONGEST_TICK)
         self._last_step = now
+        self._watch_stops(now)
         # Silence is a condition that holds from the last sign of life on.
         self._since[Cause.COMMAND_SILENCE] = self._since[Cause.COMMAND_LOST] = self._command_at
         if self._heard_at is not None:
@@ -201,6 +202,11 @@ class SafetySupervisor:
         detail = self._why.get(cause, "")
         return f"{cause} ({detail})" if detail else str(cause)
 
+    def sentence(self, output: Output) -> str:
+        """The state and why, for the diagnostics."""
+        why = "; ".join(self.reason(cause) for cause in output.causes)
+        return f"{output.state}: {why}" if why else str(output.state)
+
     @property
     def state(self) -> State:
         """As of the last step."""
@@ -219,6 +225,9 @@ class SafetySupervisor:
             return
         self._since.setdefault(cause, now)
         self._why[cause] = why
+
+    def _watch_stops(self, now: int) -> None:
+        self._watch(Cause.EMERGENCY_STOP, self.stops.active, now, str(self.stops))
 
     def _holding(self, now: int) -> tuple[Cause, ...]:
         """Causes that are latched or have lasted long enough, worst first."""
