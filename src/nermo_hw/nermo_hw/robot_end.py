@@ -113,7 +113,7 @@ class RobotEnd:
         self._stopping = threading.Event()
         self._line_trouble = "not opened yet"
         self._overruns = 0
-        self._report = Report(robot.name, self._supervisor, self._commands, log)
+        self._report = Report(robot.name, self._supervisor, self._commands, log, monotonic)
 
     def run(self) -> None:
         """Steps at the rate until `stop`. Raises LinkError where the link cannot be opened."""

@@ -26,16 +26,24 @@ _Part = tuple[str, int, str, Mapping[str, object]]
 class Report:
     """Made anew in every tick, said when it is time or when the state has changed.
 
-    log: file that gets every change of state or causes as a JSON line.
+    log: file that gets every change of state or causes as a JSON line. monotonic: seconds that never jump.
     """
 
-    def __init__(self, robot: str, supervisor: SafetySupervisor, commands: CommandIntake, log: Path | None) -> None:
+    def __init__(
+        self,
+        robot: str,
+        supervisor: SafetySupervisor,
+        commands: CommandIntake,
+        log: Path | None,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._monotonic = monotonic
         self._robot, self._supervisor, self._commands, self._log = robot, supervisor, commands, log
         self._away: Counter[str] = Counter()
         self._told_away: Counter[str] = Counter()
         self._told_refused = self._told_waiting = 0
         self._told_state: tuple[State, tuple[Cause, ...]] | None = None
-        self._told_at = 0.0
+        self._told_at = -PERIOD
         self._ticks = 0
 
     def turned_away(self, sentence: str) -> None:
@@ -52,9 +60,9 @@ class Report:
         self._ticks += 1
         state = (output.state, output.causes)
         changed = state != self._told_state
-        if not changed and time.monotonic() - self._told_at < PERIOD:
+        if not changed and self._monotonic() - self._told_at < PERIOD:
             return None
-        self._told_at, self._told_state = time.monotonic(), state
+        self._told_at, self._told_state = self._monotonic(), state
         if changed:
             self._write(output, now)
         values = link()

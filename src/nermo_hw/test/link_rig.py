@@ -21,7 +21,7 @@ from nermo_hw.link.clock import SteadyClock
 from nermo_hw.link.config import DEFAULT, Side, Topic, load_link
 from nermo_hw.link.end import LinkEnd
 from nermo_hw.link.keys import make_keys
-from nermo_hw.link.messages import encode_command
+from nermo_hw.link.messages import decode_diagnostics, encode_command
 from nermo_hw.link.transport import LinkError
 
 PATIENCE_S = 60.0
@@ -33,15 +33,18 @@ WITHOUT_ROS = "import sys; sys.modules['rclpy'] = None; from nermo_hw.robot_end 
 class Workstation:
     """Sees what the robot says and answers each tick with a command, as the controller does."""
 
-    def __init__(self, link: Path) -> None:
+    def __init__(self, link: Path, name: str = "desk") -> None:
         self.states = 0
         self.tail = 0.0
         self.walking = True
+        self.told: dict[str, dict[str, str]] = {}
         self._last = 0
-        self._end = LinkEnd(load_link(link), Side.WORKSTATION, self._on_message, SteadyClock())
+        self._end = LinkEnd(load_link(link), Side.WORKSTATION, self._on_message, SteadyClock(), name=name)
         self._end.open()
 
     def _on_message(self, topic: Topic, payload: bytes, _: str) -> None:
+        if topic.name == "/diagnostics":
+            self.told |= decode_diagnostics(payload)
         if topic.name == "servo_states":
             self.states += 1
             at = stamp.read(payload)
