@@ -152,6 +152,7 @@ class Device:
             serial_number=3000 + seed,
             ppm=self._ppm(),
             stored={"robot": robot.name[:16], **kept.get(board_name(BODY_BOARD), {})},
+            seed=seed,
         )
         # By the address that each had when it was built in; it may have been given another since.
         built_in = (self.controller, *self.servo_boards, self.body)
@@ -239,12 +240,14 @@ class Device:
         self._held[:] = [name in names for name in self._names]
         self._held_at[:] = sensors.positions
         for board in self.servo_boards:
-            mask = sum(
-                1 << channel
-                for channel, servo in enumerate(board.servos)
-                if servo is not None and self._names[servo] in names
-            )
-            board.set_silent(mask)
+            board.set_silent(self._channels(board, names))
+
+    def set_frozen(self, names: Sequence[str]) -> None:
+        """Exactly these sensors go on saying what they said last: "imu", "battery", and servos. Raises FaultError."""
+        names_only("sensor", names, ("imu", "battery", *self._names))
+        self.body.frozen = frozenset(names)
+        for board in self.servo_boards:
+            board.set_stuck(self._channels(board, names))
 
     def set_silent_boards(self, names: Sequence[str]) -> None:
         """Exactly these boards do not answer, as in "servo board 3". Raises FaultError."""
@@ -301,6 +304,11 @@ class Device:
         return {board_name(address): board.registers.stored for address, board in self.boards.items()}
 
     # Inside
+
+    def _channels(self, board: ServoBoard, names: Sequence[str]) -> int:
+        """The channels of a board that these servos hang on, as bits."""
+        places = [None if place is None else self._names[place] for place in board.servos]
+        return sum(1 << channel for channel, name in enumerate(places) if name in names)
 
     def _ppm(self) -> float:
         return self.settings.clock_ppm + self.settings.clock_spread_ppm * float(self._random.standard_normal())

@@ -53,8 +53,11 @@ class SafetySupervisorNode(Node):
         self._supervisor = SafetySupervisor(robot, settings, now=self._now())
         self._names = list(robot.servos)
         self._auto_release = settings.auto_release
-        self._orientation = np.array([1.0, 0.0, 0.0, 0.0])
-        self._voltage = math.nan
+        nothing = np.full(3, math.nan)
+        self._imu = (np.full(4, math.nan), nothing, nothing)
+        """Orientation, rates, accelerations; no numbers as long as none have come."""
+        self._supply = (math.nan, math.nan)
+        """Voltage, current."""
         self._power: bool | None = None
         self._sensed_at = self._now()
         self._output: Output | None = None
@@ -91,11 +94,11 @@ class SafetySupervisorNode(Node):
             knee_angles=np.zeros(4),
             piezoresistive=np.zeros(4),
             piezoelectric=np.zeros(4),
-            orientation=self._orientation,
-            angular_velocity=np.zeros(3),
-            linear_acceleration=np.zeros(3),
-            battery_voltage=self._voltage,
-            battery_current=math.nan,
+            orientation=self._imu[0],
+            angular_velocity=self._imu[1],
+            linear_acceleration=self._imu[2],
+            battery_voltage=self._supply[0],
+            battery_current=self._supply[1],
             faults=Fault(0),
             limp=False,
         )
@@ -110,11 +113,15 @@ class SafetySupervisorNode(Node):
         return np.array([by_name.get(name, math.nan) for name in self._names])
 
     def _on_imu(self, message: Imu) -> None:
-        q = message.orientation
-        self._orientation = np.array([q.w, q.x, q.y, q.z])
+        q, rate, acceleration = message.orientation, message.angular_velocity, message.linear_acceleration
+        self._imu = (
+            np.array([q.w, q.x, q.y, q.z]),
+            np.array([rate.x, rate.y, rate.z]),
+            np.array([acceleration.x, acceleration.y, acceleration.z]),
+        )
 
     def _on_battery(self, message: BatteryState) -> None:
-        self._voltage = message.voltage
+        self._supply = (message.voltage, -message.current)
 
     def _release(self) -> str:
         left = self._supervisor.release(self._now())

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nermo_description.parameters import RobotParameters
 from nermo_hw.safety.causes import Cause
@@ -205,7 +206,7 @@ class SensorChecks:
             found[Cause.SERVO_FROZEN] = f"{self._named(dead)}: the same position to the last bit while told to move"
         return found
 
-    def _servos_frozen(self, sample: SensorSample, targets: Array | None) -> Array:
+    def _servos_frozen(self, sample: SensorSample, targets: Array | None) -> NDArray[np.bool_]:
         changed = np.ones(len(self._servos), dtype=bool)
         if self._last is not None and targets is not None and not sample.limp:
             changed = sample.servo_positions != self._last.servo_positions
@@ -215,9 +216,10 @@ class SensorChecks:
         self._targets_low = np.where(changed, there, np.fmin(self._targets_low, there))
         self._targets_high = np.where(changed, there, np.fmax(self._targets_high, there))
         with np.errstate(invalid="ignore"):
-            return (self._targets_high - self._targets_low) > MOVED
+            moved: NDArray[np.bool_] = (self._targets_high - self._targets_low) > MOVED
+        return moved
 
-    def _named(self, which: Array) -> str:
+    def _named(self, which: NDArray[np.bool_]) -> str:
         return ", ".join(name for name, is_it in zip(self._servos, which.tolist(), strict=True) if is_it)
 
 
