@@ -48,7 +48,7 @@ SPEED_FACTOR = 3.0
 MOVING = 0.5
 """[rad/s] A servo that turns faster draws current."""
 LONGEST_STEP = 0.1
-"""[s] After a longer pause means begin anew."""
+"""[s] A longer pause between two samples tells nothing and counts as none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,14 +77,12 @@ class SensorChecks:
         self._fastest = SPEED_FACTOR * np.array([servo.max_velocity for servo in servos])
         self._highest_voltage = highest_voltage
         self._findings: dict[Cause, Finding] = {}
-        self.restart()
-
-    def restart(self) -> None:
-        """The samples to come have nothing to do with those before: the line was away."""
         self._last: SensorSample | None = None
         self._last_at = 0
         self._dt = 0.0
         self._imu: bytes = b""
+        self._orientation: Array | None = None
+        """The last one, if it was one."""
         self._servos_low = self._servos_high = np.zeros(0)
         self._turned = 0.0
         self._acceleration_error, self._turning_error = np.zeros(3), np.zeros(3)
@@ -97,9 +95,8 @@ class SensorChecks:
 
         targets: where the servos shall be in the end [rad]; None without power.
         """
-        self._dt = (now - self._last_at) * 1e-9
-        if self._last is not None and not 0.0 < self._dt <= LONGEST_STEP:
-            self.restart()
+        pause = (now - self._last_at) * 1e-9
+        self._dt = pause if self._last is not None and 0.0 < pause <= LONGEST_STEP else 0.0
         found = {
             **self._look_at_imu(sample),
             **self._look_at_battery(sample),
@@ -122,6 +119,7 @@ class SensorChecks:
         with np.errstate(over="ignore"):
             norm = float(np.linalg.norm(orientation))
         if not np.isfinite(readings).all() or abs(norm - 1.0) > NORM_TOLERANCE:
+            self._orientation = None
             return {Cause.IMU_INVALID: f"{_numbers(readings)} are no unit quaternion, rates and accelerations"}
         found = {}
         if frozen := self._imu_frozen(sample, readings.tobytes()):
@@ -151,15 +149,15 @@ class SensorChecks:
         return ""
 
     def _imu_implausible(self, sample: SensorSample) -> str:
-        if self._last is None:
-            return ""
         share = 1.0 - math.exp(-self._dt / SMOOTHING)
         acceleration = np.clip(sample.linear_acceleration, -LARGEST_ACCELERATION, LARGEST_ACCELERATION)
         rate = np.clip(sample.angular_velocity, -LARGEST_RATE, LARGEST_RATE)
         error = rotated(sample.orientation, acceleration) - np.array([0.0, 0.0, GRAVITY])
         self._acceleration_error = self._acceleration_error + share * (error - self._acceleration_error)
-        turning = turn(self._last.orientation, sample.orientation) / self._dt - rate
-        self._turning_error = self._turning_error + share * (turning - self._turning_error)
+        if self._orientation is not None and self._dt > 0.0:
+            turning = turn(self._orientation, sample.orientation) / self._dt - rate
+            self._turning_error = self._turning_error + share * (turning - self._turning_error)
+        self._orientation = sample.orientation
         wrong = float(np.linalg.norm(self._acceleration_error))
         if wrong > GRAVITY_TOLERANCE:
             return f"accelerometer and orientation differ by {wrong:.1f} m/s^2 on which way is up"

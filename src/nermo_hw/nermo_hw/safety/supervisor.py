@@ -170,7 +170,6 @@ class SafetySupervisor:
 
     def device_silent(self, why: str, now: int) -> None:
         """An exchange with the device failed."""
-        self._checks.restart()
         self._watch(Cause.LINE_LOST, True, now, why)
 
     def release(self, now: int) -> str:
