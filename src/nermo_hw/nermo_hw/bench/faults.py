@@ -71,6 +71,16 @@ def _revive(rig: Rig) -> None:
     rig.until(lambda: len(rig.states()) > before, "the robot's end is there again")
 
 
+def _bad_line(what: str) -> Injection:
+    """The serial line: every frame so."""
+    return Injection(
+        f"line_{what}",
+        Cause.LINE_LOST,
+        lambda rig: rig.device("line_fault", name=what, value=1.0),
+        lambda rig: rig.device("line_fault", name=what, value=0.0),
+    )
+
+
 def _refused(rig: Rig) -> None:
     """Somebody releases, and the robot refuses. Raises CommandError where it does not."""
     rig.until(lambda: "still say" in str(rig.walker("release")), "a release is refused")
@@ -198,6 +208,7 @@ INJECTIONS: tuple[Injection, ...] = (
         lambda rig: rig.device("frozen", names=[]),
         delay=MOVING_S,
     ),
+    *map(_bad_line, ("corrupt", "wrong_id", "replay", "delay")),
     Injection("cable_pulled", Cause.LINE_LOST, lambda rig: rig.device("unplug", seconds=1.0), lambda rig: None),
     Injection("brown_out", Cause.DEVICE_LIMP, lambda rig: rig.device("brown_out"), lambda rig: None, delay=BOOT_S),
     Injection("robot_end_killed", None, lambda rig: rig.signal_robot(signal.SIGKILL), _revive),

@@ -349,7 +349,7 @@ class Device:
         if self.settings.reply_jitter > 0.0 and answers:
             on_bus += round(abs(self._random.standard_normal()) * self.settings.reply_jitter * 1e9)
         for answer_bytes in answers:
-            for raw, delay in self._line.pass_on(answer_bytes):
+            for raw, delay in self._line.pass_on(answer_bytes, answer=True):
                 heapq.heappush(self._outbox, (on_bus + round(delay * 1e9), next(self._order), raw))
 
     def _answer(self, packet: Packet, now: int, targets: Array) -> Packet:
