@@ -45,7 +45,7 @@ RANGE_MARGIN = 0.3
 """[rad] A servo cannot be so far beyond its range."""
 SPEED_FACTOR = 3.0
 """A servo cannot be so many times as fast as it turns without a load."""
-MOVING = 0.5
+MOVING = 0.2
 """[rad/s] A servo that turns faster draws current."""
 LONGEST_STEP = 0.1
 """[s] A longer pause between two samples tells nothing and counts as none."""
