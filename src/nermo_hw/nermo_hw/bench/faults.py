@@ -25,7 +25,7 @@ BOOT_S = 0.3
 """After a brown-out the boards need this until they can say that they are limp; they are so at once."""
 MOVING_S = 0.5
 """Until a servo of the walk has moved as far as it takes to notice that a reading does not."""
-PAUSES_S = 8.0
+PAUSES_S = 5.0
 """Of the walk in ten seconds of movement."""
 _TRIALS = 5
 WATCHDOG_S = 0.5
