@@ -279,12 +279,12 @@ def release(
     from nermo_hw.link.clock import SteadyClock
     from nermo_hw.link.config import DEFAULT, Side, load_link
     from nermo_hw.link.end import LinkEnd
-    from nermo_hw.link.session import LinkError
+    from nermo_hw.link.transport import LinkError
 
     overrides = [("workstation.endpoints", [endpoint])] if endpoint else []
     try:
         config = load_link(link or DEFAULT, overrides)
-        with LinkEnd(config, Side.WORKSTATION, lambda topic, payload: None, SteadyClock()) as end:
+        with LinkEnd(config, Side.WORKSTATION, lambda *_: None, SteadyClock()) as end:
             if not end.wait(5.0):
                 raise CommandError(f"no robot answers at {', '.join(config.workstation.endpoints)}.")
             left = end.ask_release()

@@ -171,6 +171,27 @@ def test_bad_frames_are_counted_and_survived(device):
     assert exchange(driver, ServoTargets(NEUTRAL)).faults == 0
 
 
+@pytest.mark.parametrize("fault", ["wrong_id", "replay", "corrupt", "garbage", "delay"])
+def test_a_line_on_which_no_frame_is_right_brings_no_sample_and_recovers(device, fault):
+    driver = ready(device.link, reply_timeout=0.01)
+    exchange(driver, ServoTargets(NEUTRAL))
+    device.control.do("line_fault", name=fault, value=1.0)
+    try:
+        seen = [sample_or_none(driver) for _ in range(30)]
+    finally:
+        device.control.do("line_fault", name=fault, value=0.0)
+    if fault != "garbage":  # between frames it does no harm
+        assert [sample for sample in seen if sample is not None and not sample.missing] == []
+    assert exchange(driver, ServoTargets(NEUTRAL)).missing == ()
+
+
+def sample_or_none(driver: Driver) -> SensorSample | None:
+    try:
+        return driver.exchange(ServoTargets(NEUTRAL))
+    except SilentLineError:
+        return None
+
+
 def test_a_silent_board_and_a_silent_servo_are_named(device):
     driver = ready(device.link)
     exchange(driver, ServoTargets(NEUTRAL))

@@ -21,8 +21,9 @@ from nermo_hw.link.clock import LinkClock, SteadyClock
 from nermo_hw.link.config import DEFAULT, LinkConfig, Side, Topic, load_link
 from nermo_hw.link.end import LinkEnd
 from nermo_hw.link.keys import KeysError, make_keys
-from nermo_hw.link.messages import decode_command, encode_bool, encode_command
-from nermo_hw.link.session import LinkError, zenoh_settings
+from nermo_hw.link.messages import decode_command, encode_command
+from nermo_hw.link.session import zenoh_settings
+from nermo_hw.link.transport import LinkError
 
 PATIENCE_S = 60.0
 MS = 1_000_000
@@ -62,8 +63,8 @@ class Ends:
         self.robot = LinkEnd(settings, Side.ROBOT, self._keep(self.at_robot), lambda: here() + lead)
         self.workstation = LinkEnd(settings, Side.WORKSTATION, self._keep(self.at_workstation), here)
 
-    def _keep(self, place: list[tuple[str, bytes]]) -> Callable[[Topic, bytes], None]:
-        return lambda topic, payload: place.append((topic.name, payload))
+    def _keep(self, place: list[tuple[str, bytes]]) -> Callable[[Topic, bytes, str], None]:
+        return lambda topic, payload, _: place.append((topic.name, payload))
 
     def __enter__(self) -> Ends:
         self.robot.open()
@@ -101,15 +102,26 @@ def test_messages_cross_encrypted_and_their_stamps_change_clocks(encrypted: Ends
     assert abs(float(str(ends.workstation.status()["clock_offset_ms"])) - 86_400_000) < 1000
 
 
-def test_an_event_is_a_state_that_comes_once_per_change_however_often_it_is_repeated(encrypted: Ends) -> None:
-    ends = encrypted
-    ends.workstation.send("emergency_stop", encode_bool(True))
-    until(lambda: ends.at_robot, "it came")
-    sent = ends.workstation.counters["sent"]
-    until(lambda: ends.workstation.counters["sent"] > sent + 3, "it was repeated")
-    ends.workstation.send("emergency_stop", encode_bool(False))
-    until(lambda: len(ends.at_robot) > 1, "the change came")
-    assert ends.at_robot == [("emergency_stop", encode_bool(True)), ("emergency_stop", encode_bool(False))]
+def test_a_stop_is_a_state_that_is_told_with_every_heartbeat(encrypted: Ends) -> None:
+    here, there = encrypted.workstation, encrypted.robot
+    there.answer_release(there.stops.release)
+    until(lambda: _asked(encrypted) == "", "the service is known")
+
+    here.stops.say(b"\x01", True, "/nermo/teleop")
+    until(lambda: there.stops.active, "it came with a heartbeat")
+    refusal = "emergency_stop (/nermo/teleop still says stop: end it there first)"
+    until(lambda: _asked(encrypted) == refusal, "the release is refused")
+    here.stops.say(b"\x01", False)
+    here.stops.say(b"\x01", True, "/nermo/teleop")
+    here.stops.say(b"\x01", False)
+    until(lambda: "waits for a release" in str(there.stops), "its end came")
+    until(lambda: _asked(encrypted) == "", "the release is granted")
+    assert not there.stops.active and not here.stops.active
+
+    here.stops.press("SIGUSR1")  # begun and ended between two heartbeats
+    until(lambda: there.stops.active, "the second stop came")
+    there.stops.press("SIGUSR1")
+    assert str(there.stops) == "SIGUSR1 has said stop and waits for a release"
 
 
 def test_the_release_is_asked_for_and_answered_in_words(encrypted: Ends) -> None:
@@ -162,7 +174,7 @@ def say(text):
 
 LogTap(lambda sentence: say("away: " + sentence))
 config = LinkConfig.model_validate_json(sys.argv[1])
-with LinkEnd(config, Side.ROBOT, lambda topic, payload: say("got: " + topic.name), SteadyClock()):
+with LinkEnd(config, Side.ROBOT, lambda topic, payload, _: say("got: " + topic.name), SteadyClock()):
     say("ready")
     sys.stdin.read()
 """

@@ -43,8 +43,14 @@ class CommandInput:
         self._topics: list[str] = []
         self._names: dict[bytes, str] = {}
 
-    def subscribe(self, kind: type, topic: str, take: Take, profile: QoSProfile = qos.COMMAND) -> None:
-        """Hands messages with a header over to `take`, those of the owner alone; a stamp of 0 becomes now."""
+    def subscribe(
+        self, kind: type, topic: str, take: Take, profile: QoSProfile = qos.COMMAND, *, raw: bool = False
+    ) -> None:
+        """Hands messages with a header over to `take`, those of the owner alone; a stamp of 0 becomes now.
+
+        raw: as the bytes that came, with whatever stamp they have.
+        """
+        assert self._oldest is None or not raw, "stamps of raw messages are not read here"
 
         def receive(message: Any, info: dict[str, Any]) -> None:
             try:
@@ -52,7 +58,7 @@ class CommandInput:
             except ValueError as error:
                 self._refuse(f"{topic} refused: {error}")
 
-        subscription = self._node.create_subscription(kind, topic, WithInfo(receive), profile)
+        subscription = self._node.create_subscription(kind, topic, WithInfo(receive), profile, raw=raw)
         self._topics.append(subscription.topic_name)
 
     def status(self) -> Status:

@@ -8,6 +8,7 @@ from typing import Any
 import zenoh
 
 from nermo_hw.link.config import LinkConfig, Side
+from nermo_hw.link.transport import LinkError
 
 PRIORITIES = {
     "real_time": zenoh.Priority.REAL_TIME,
@@ -18,10 +19,6 @@ PRIORITIES = {
     "data_low": zenoh.Priority.DATA_LOW,
     "background": zenoh.Priority.BACKGROUND,
 }
-
-
-class LinkError(OSError):
-    """The link cannot be set up; the text says which end and why."""
 
 
 def open_session(config: LinkConfig, side: Side) -> zenoh.Session:
