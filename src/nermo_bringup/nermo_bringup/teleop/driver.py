@@ -53,16 +53,20 @@ class Driver:
     spine_modes: SpineModes = field(default_factory=SpineModes)
     stopped: bool = False
     """An emergency stop is on."""
+    release_wanted: bool = False
+    """The servos shall have power again, if they have none; whoever asks for that takes it back."""
 
     def emergency_stop(self) -> None:
         """Stop at once, and stay so."""
         self.stopped = True
+        self.release_wanted = False
         self.posture = Posture.STOP
 
     def take(self, posture: Posture) -> None:
-        """Take a posture. Standing ends an emergency stop; nothing else does."""
+        """Take a posture. Standing ends an emergency stop and asks for a release; nothing else does."""
         if posture is Posture.STAND:
             self.stopped = False
+            self.release_wanted = True
         if not self.stopped:
             self.posture = posture
 

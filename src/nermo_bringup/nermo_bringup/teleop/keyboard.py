@@ -27,16 +27,16 @@ DIRECTIONS = {
     "s": (-1.0, 0.0),
     "a": (0.0, 1.0),
     "d": (0.0, -1.0),
-    "q": (1.0, 1.0),
-    "e": (1.0, -1.0),
+    "e": (1.0, 1.0),
+    "r": (1.0, -1.0),
 }
 """Forward and turn for each driving key."""
 
 HELP = {
     "w s a d": "forward, backward, left, right (or the arrow keys); hold to keep going",
-    "q e": "forward and left, forward and right",
+    "e r": "forward and left, forward and right",
     "space": "stop now",
-    "x": "EMERGENCY STOP; 1 ends it",
+    "x": "EMERGENCY STOP, limp; 1 ends it",
     "1 2 3": "stand, sit, crouch",
     "4": "lift a leg: front left, front right, rear left, rear right, none",
     "0": "freeze every servo",
@@ -46,7 +46,7 @@ HELP = {
     "l": "hold a straight line, on and off",
     ", .": "trim to the left, to the right",
     "t y u i": "spine: turning, stride extension, offset, balance; on and off",
-    "Esc, Ctrl-C": "leave",
+    "q": "leave (or Esc, Ctrl-C)",
 }
 
 
@@ -87,6 +87,11 @@ class KeyMapping:
             "i": lambda: driver.toggle_spine("balance_compensation"),
         }
 
+    @staticmethod
+    def leaves(key: str) -> bool:
+        """Whether this key is for leaving."""
+        return key in ("q", "Q", "\x1b", "\x03")
+
     def press(self, key: str, now: float) -> None:
         """Take one key; keys without a meaning do nothing."""
         key = key.lower()
@@ -95,7 +100,7 @@ class KeyMapping:
             self._until = now + self._hold
         elif key == " ":
             self._until = now
-        elif key in ("\x1b", "\x03"):
+        elif self.leaves(key):
             self._until = now
             self.left = True
         elif key in self._actions:
@@ -120,7 +125,7 @@ class KeyMapping:
 
 @contextmanager
 def raw_terminal(descriptor: int) -> Iterator[None]:
-    """Deliver each key at once and unseen; whatever ends the block, the terminal is as it was before.
+    """Deliver each key at once and unseen, those before too; whatever ends the block, the terminal is as it was.
 
     Raises:
         KeyboardError: the descriptor is no terminal.
@@ -129,7 +134,7 @@ def raw_terminal(descriptor: int) -> Iterator[None]:
         raise KeyboardError("the keyboard teleop needs a terminal as its input")
     before = termios.tcgetattr(descriptor)
     try:
-        tty.setcbreak(descriptor)
+        tty.setcbreak(descriptor, termios.TCSANOW)
         yield
     finally:
         termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
