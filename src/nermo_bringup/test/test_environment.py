@@ -14,6 +14,7 @@ from nermo_bringup.environment.python_packages import Environment
 from nermo_bringup.environment.ros import World, find_world
 from nermo_bringup.environment.steps import SetupError
 from nermo_bringup.environment.workspace import Workspace
+from nermo_description.invocation import VARIABLE
 
 STAMP = {"python": "this one"}
 SETUP = """
@@ -217,11 +218,13 @@ def test_wrong_usage_ends_with_one_sentence(arguments, status, last):
     assert last is None or result.stderr.splitlines()[-1] == last
 
 
-def test_help_of_every_word_has_an_example():
+def test_help_of_every_word_has_an_example_that_can_be_typed_as_it_stands(monkeypatch):
     from nermo_bringup.cli import app
 
+    monkeypatch.setenv(VARIABLE, "../there/nermo")
     for command in app.registered_commands:
         name = command.name or command.callback.__name__
         result = subprocess.run([sys.executable, "-m", "nermo_bringup", name, "--help"], capture_output=True, text=True)
         assert result.returncode == 0, result.stderr
-        assert f"nermo {name.replace('_', '-')}" in result.stdout
+        assert f"../there/nermo {name.replace('_', '-')}" in result.stdout.partition("\n")[2]
+        assert " nermo " not in result.stdout

@@ -176,12 +176,13 @@ def test_failure_of_a_node_is_the_failure_of_the_launch(prefix):
 
 
 def test_node_that_refuses_its_parameters_ends_the_launch(prefix):
-    prefix.executable("picky", "print('parameter seed = x'); raise SystemExit(2)")
+    line = "[FATAL] [1795509620.298601773] [nermo.picky]: parameter seed = x"
+    prefix.executable("picky", f"print({line!r}); raise SystemExit(2)")
     prefix.executable("patient", PATIENT)
     body = nodes("picky", respawn="true", respawn_delay="0.1") + nodes("patient")
     status, output = Launched(prefix.launch_file(body)).end()
     assert status == 2
-    assert output.splitlines()[-1] == "nermo: picky refused what it was given: see above."
+    assert output.splitlines()[-1] == "nermo: picky refused what it was given: parameter seed = x"
     assert output.count("started with process id") == 2
 
 

@@ -28,7 +28,7 @@ def drive(
 
     \b
     nermo drive
-    nermo drive --robot nermo --scene rough
+    nermo drive --robot nermo --scene maze
     nermo drive --record recordings/first_steps
     nermo drive --robot cheetah_cub --no-record
     """

@@ -26,7 +26,6 @@ class View:
     """Commanded [m/s], whoever commands."""
     turn_rate: float
     """Commanded [rad/s]."""
-    default_gait: str
     state: str
     """Of the servos, as the twin tells it."""
     trouble: Sequence[str]
@@ -47,7 +46,9 @@ def screen(view: View) -> RenderableType:
     facts.add_row("commanded", f"{view.forward_velocity:+.3f} m/s, {view.turn_rate:+.2f} rad/s")
     facts.add_row("real", f"{view.odometer.speed_m_s:+.3f} m/s, {view.odometer}")
     frequency = driver.gait_frequency or driver.default_frequency
-    facts.add_row("gait", f"{driver.gait or view.default_gait} at {frequency:g} Hz, {_settings(driver)}")
+    facts.add_row(
+        "gait", f"{driver.gait or driver.default_gait or 'its own gait'} at {frequency:g} Hz, {_settings(driver)}"
+    )
     if driver.stopped or limp:
         facts.add_row("state", Text(f"EMERGENCY STOP, {view.state}; 1 ends it", style="bold red"))
     else:

@@ -247,7 +247,6 @@ class _Session:
                 odometer=node.odometer,
                 forward_velocity=forward,
                 turn_rate=turn,
-                default_gait=node.default_gait,
                 state=node.servos,
                 trouble=node.trouble,
                 real_time_factor=node.real_time_factor,
@@ -266,7 +265,7 @@ class _Session:
                 f"recording: {recording}\n"
                 "what to do with it:\n"
                 f"  {called()} replay {recording}          its commands on a fresh twin, compared\n"
-                f"  {called()} gap diagnose {recording}    where and why robot and twin differ",
+                f"  {called()} gap diagnose {recording}    where and why robot and twin differ (minutes)",
                 soft_wrap=True,
             )
 

@@ -13,7 +13,7 @@ from nermo_bringup.drive.odometer import Odometer
 from nermo_bringup.nodes.operator import Operator
 from nermo_bringup.teleop.driver import Driver
 from nermo_control.nodes.conversions import odometry_from_message
-from nermo_interfaces.msg import ControlCommand, GaitParameters, ServoCommand
+from nermo_interfaces.msg import ControlCommand, ServoCommand
 from nermo_node import qos
 
 FRESH_S = 0.5
@@ -27,11 +27,11 @@ class Drive(Node):
 
     def __init__(self, driver: Driver, namespace: str) -> None:
         super().__init__("drive", namespace=namespace)
+        self._driver = driver
         self.odometer = Odometer()
         self.operator = Operator(self, driver, lambda: self.time_ns)
         self.time_ns = 0
         """Of the twin; 0 until it has begun."""
-        self.default_gait = ""
         self.servos = "not heard of yet"
         self.real_time_factor = "-"
         self._walks = False
@@ -40,13 +40,12 @@ class Drive(Node):
         self._trouble: dict[str, tuple[float, str]] = {}
         self._first_answer = self.create_subscription(ServoCommand, "servo_command", self._on_answer, qos.BEST_EFFORT)
         self.create_subscription(OdometryMessage, "truth/odom", self._on_odometry, qos.BEST_EFFORT)
-        self.create_subscription(GaitParameters, "gait_parameters", self._on_gaits, qos.LATCHED)
         self.create_subscription(ControlCommand, "control_command", self._on_command, qos.COMMAND)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
 
     def alive(self, needs_gaits: bool) -> bool:
         """Whether the whole way from command to servo and back has spoken."""
-        return self._walks and self.time_ns > 0 and (bool(self.default_gait) or not needs_gaits)
+        return self._walks and self.time_ns > 0 and (bool(self._driver.gaits) or not needs_gaits)
 
     def present(self) -> set[str]:
         """Full names of the other nodes in the graph."""
@@ -75,9 +74,6 @@ class Drive(Node):
         self.time_ns = odometry.stamp
         told = any(self.commanded)
         self.odometer.add(odometry.stamp * 1e-9, odometry.x, odometry.y, odometry.yaw, told)
-
-    def _on_gaits(self, message: GaitParameters) -> None:
-        self.default_gait = message.default_gait
 
     def _on_command(self, message: ControlCommand) -> None:
         self._command, self._heard_at = message, time.monotonic()

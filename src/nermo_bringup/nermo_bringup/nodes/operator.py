@@ -77,4 +77,5 @@ class Operator:
 
     def _on_gaits(self, message: GaitParameters) -> None:
         self._driver.gaits = [gait.name for gait in message.gaits]
+        self._driver.default_gait = message.default_gait
         self._driver.default_frequency = message.default_gait_frequency

@@ -40,6 +40,8 @@ class Driver:
     gaits: Sequence[str] = ()
     gait: str = ""
     """Empty: the knowledge-base's default."""
+    default_gait: str = ""
+    """From which the first change of the gait starts."""
     gait_frequency: float = 0.0
     """[Hz]; 0: the knowledge-base's default."""
     default_frequency: float = 0.8
@@ -94,7 +96,8 @@ class Driver:
     def next_gait(self) -> None:
         """Choose the gait after the present one in the knowledge-base's list."""
         if self.gaits:
-            place = self.gaits.index(self.gait) if self.gait in self.gaits else -1
+            present = self.gait or self.default_gait
+            place = self.gaits.index(present) if present in self.gaits else -1
             self.gait = self.gaits[(place + 1) % len(self.gaits)]
 
     def toggle_spine(self, mode: str) -> None:
