@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections import deque
 
-RULER_M = 0.01
-"""The way is measured in straight pieces of this length, so that swaying on the spot counts for nothing."""
+RULER_M = 0.05
+"""The way is measured in straight pieces of this length, so that swaying by a centimetre counts for little."""
 WINDOW_S = 1.25
 """The speed is the mean over so long, about a cycle of the gait."""
 COASTING_S = 1.0
@@ -17,7 +17,7 @@ class Odometer:
     """Takes positions at increasing times [s], with whether the robot was told to move."""
 
     def __init__(self) -> None:
-        self.distance_m = 0.0
+        self._measured_m = 0.0
         self.driven_s = 0.0
         """Time in which the robot was told to move."""
         self._anchor: tuple[float, float] | None = None
@@ -40,8 +40,14 @@ class Odometer:
         if self._anchor is None:
             self._anchor = (x, y) if moving else None
         elif (piece := math.dist(self._anchor, (x, y))) >= RULER_M or not moving:
-            self.distance_m += piece
+            self._measured_m += piece
             self._anchor = (x, y) if moving else None
+
+    @property
+    def distance_m(self) -> float:
+        """Length of the way."""
+        open_piece = math.dist(self._anchor, self._recent[-1][1:]) if self._anchor is not None else 0.0
+        return self._measured_m + open_piece
 
     @property
     def speed_m_s(self) -> float:
