@@ -1,6 +1,7 @@
 """The set-up: what must be built, what it says when something is missing, and the doctor."""
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -8,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from nermo_bringup.environment import checks
+from nermo_bringup.environment import checks, steps
 from nermo_bringup.environment.checkout import checkout_root
 from nermo_bringup.environment.python_packages import Environment
 from nermo_bringup.environment.ros import World, find_world
@@ -27,6 +28,22 @@ MANIFEST = """
 <maintainer email="a@b.example">a</maintainer><license>Apache-2.0</license>
 <export><build_type>ament_python</build_type></export></package>
 """
+
+
+def test_a_long_step_gives_signs_of_life(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(steps, "SIGN_OF_LIFE_S", 0.01)
+    gate = tmp_path / "gate"
+    os.mkfifo(gate)
+    asked = []
+
+    def present():
+        asked.append(1)
+        if len(asked) == 3:
+            gate.write_text("go on")
+        return "building toys"
+
+    steps.step("long", ["cat", str(gate)], present=present)
+    assert capsys.readouterr().err.count("nermo:   building toys (") >= 3
 
 
 @pytest.fixture
