@@ -197,7 +197,8 @@ def test_long_and_unfinished_lines_come_whole(prefix):
 def test_node_that_is_interrupted_while_it_starts_shows_no_traceback(prefix):
     prefix.executable("slow", "import signal\nprint('importing', flush=True)\nsignal.pause()")
     odd = 'Traceback (most recent call last):\\n  File "made", line 1\\n\\nKeyboardInterrupt'
-    code = f"import signal, sys\nsignal.signal(2, lambda *_: sys.exit('{odd}'))\nprint('waits', flush=True)\nsignal.pause()"
+    code = f"import signal, sys\nsignal.signal(2, lambda *_: sys.exit('{odd}'))\n"
+    code += "print('waits', flush=True)\nsignal.pause()"
     prefix.executable("odd", code)
     code = "import signal\ntry:\n    print('ready', flush=True); signal.pause()\nfinally:\n    raise ValueError('why')"
     prefix.executable("wrong", code)
