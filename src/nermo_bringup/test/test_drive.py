@@ -126,6 +126,7 @@ def view(**changes: object) -> display.View:
         "forward_velocity": 0.0,
         "turn_rate": 0.0,
         "state": "following commands",
+        "fallen": False,
         "trouble": (),
         "real_time_factor": "1.00",
     }
@@ -150,6 +151,8 @@ def test_the_screen_fits_a_small_terminal_whatever_is_wrong() -> None:
         ({"driver": Driver(Limits(), posture=Posture.LIFT_FRONT_LEFT)}, "lift front left"),
         ({"driver": Driver(Limits(), stopped=True)}, "EMERGENCY STOP, following commands; 1 ends it"),
         ({"state": "limp: emergency_stop (SIGUSR1)"}, "EMERGENCY STOP, limp: emergency_stop (SIGUSR1); 1 ends it"),
+        ({"fallen": True}, "FELL OVER; q ends"),
+        ({"fallen": True, "state": "limp: x"}, "EMERGENCY STOP, limp: x; 1 ends it"),
         ({"trouble": ["a: old", "b: new"]}, "b: new"),
         ({"driver": Driver(Limits(), gait="pace", gait_frequency=1.2)}, "pace at 1.2 Hz, speed 5/10"),
     ],
@@ -161,6 +164,20 @@ def test_the_screen_says_how_it_is(changes: dict[str, object], words: str) -> No
 def test_what_was_typed_shows_while_the_graph_comes_up() -> None:
     (line,) = shown(display.starting("nermo", 3, 8, 2.4, ["x", "g"]), 100)
     assert line == "bringing up the twin of nermo: 3 of 8 nodes, 2 s; typed so far: x g (q ends)"
+
+
+def test_a_gamepad_is_found_where_one_is_plugged_in() -> None:
+    code = """
+from nermo_bringup.drive.session import _plugged_in
+from nermo_bringup.teleop.joystick import sdl2
+print([_plugged_in()])
+sdl2.SDL_Init(sdl2.SDL_INIT_GAMECONTROLLER)
+sdl2.SDL_JoystickAttachVirtual(sdl2.SDL_JOYSTICK_TYPE_GAMECONTROLLER, 6, 15, 0)
+print([_plugged_in()])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["['']", "['Virtual Controller']"]
+    assert not done.stderr
 
 
 def test_driving_needs_a_terminal() -> None:

@@ -48,7 +48,9 @@ def start(wire: Network, name: str, *options: str) -> None:
 
 
 def look_from(wire: Network, side: str, environment: dict[str, str], name: str = "") -> None:
-    wire.do("start", name=name or side, side=side, command=[sys.executable, "-c", ONLOOKER, repr(environment)], talks=True)
+    wire.do(
+        "start", name=name or side, side=side, command=[sys.executable, "-c", ONLOOKER, repr(environment)], talks=True
+    )
 
 
 def seen(wire: Network, name: str, words: str) -> str:

@@ -28,6 +28,7 @@ class View:
     """Commanded [rad/s]."""
     state: str
     """Of the servos, as the twin tells it."""
+    fallen: bool
     trouble: Sequence[str]
     """What nodes warn of, newest last."""
     real_time_factor: str
@@ -51,6 +52,8 @@ def screen(view: View) -> RenderableType:
     )
     if driver.stopped or limp:
         facts.add_row("state", Text(f"EMERGENCY STOP, {view.state}; 1 ends it", style="bold red"))
+    elif view.fallen:
+        facts.add_row("state", Text("FELL OVER; q ends, and the next drive begins on its feet", style="bold red"))
     else:
         facts.add_row("state", f"{_posture(view)}, servos {view.state}")
     facts.add_row("twin", f"{view.real_time_factor} x real time")

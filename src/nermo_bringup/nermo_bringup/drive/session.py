@@ -240,14 +240,17 @@ class _Session:
     def _screen(self, node: Drive, pad: str) -> RenderableType:
         forward, turn = node.commanded
         where = f"recording {_short(self._bag)}" if self._bag is not None else "not recorded"
+        where += f", {pad}: hold its dead-man button" if pad else ""
         return display.screen(
             display.View(
-                title=f"{self._settings.robot} on its twin, {where}" + (f", {pad} is plugged in" if pad else ""),
+                title=f"{self._settings.robot} on its twin, {where}"
+                + (f", {pad}: hold its dead-man button" if pad else ""),
                 driver=self._driver,
                 odometer=node.odometer,
                 forward_velocity=forward,
                 turn_rate=turn,
                 state=node.servos,
+                fallen=node.fallen,
                 trouble=node.trouble,
                 real_time_factor=node.real_time_factor,
             )
@@ -258,7 +261,7 @@ class _Session:
         if not walked:
             self._console.print("ended before the twin was up; nothing was driven")
             return
-        self._console.print(str(node.odometer), style="bold")
+        self._console.print(f"{node.odometer}{', and lies on its side' if node.fallen else ''}", style="bold")
         if self._bag is not None:
             recording = shlex.quote(_short(self._bag))
             self._console.print(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 
@@ -18,6 +19,8 @@ from nermo_node import qos
 
 FRESH_S = 0.5
 """A command that is older commands no more."""
+FALLEN_RAD = math.radians(60.0)
+"""A body that is tilted by more does not stand on its feet."""
 TROUBLE_S = 3.0
 """So long a warning is shown."""
 
@@ -32,6 +35,7 @@ class Drive(Node):
         self.operator = Operator(self, driver, lambda: self.time_ns)
         self.time_ns = 0
         """Of the twin; 0 until it has begun."""
+        self.fallen = False
         self.servos = "not heard of yet"
         self.real_time_factor = "-"
         self._walks = False
@@ -72,6 +76,8 @@ class Drive(Node):
     def _on_odometry(self, message: OdometryMessage) -> None:
         odometry = odometry_from_message(message)
         self.time_ns = odometry.stamp
+        attitude = message.pose.pose.orientation
+        self.fallen = 1.0 - 2.0 * (attitude.x**2 + attitude.y**2) < math.cos(FALLEN_RAD)
         told = any(self.commanded)
         self.odometer.add(odometry.stamp * 1e-9, odometry.x, odometry.y, odometry.yaw, told)
 
