@@ -179,18 +179,18 @@ class _Session:
         self._refuse_another_graph(node, executor, set(expected))
         log = Path(tempfile.mkdtemp(prefix="nermo_drive_")) / "graph.log"
         with running_graph(arguments, log) as graph:
-            if not self._wait(node, executor, live, graph, expected):
-                return False
-            self._keys.begin()
-            self._loop(node, executor, live, graph, pad)
+            if answers := self._wait(node, executor, live, graph, expected):
+                self._keys.begin()
+                self._loop(node, executor, live, graph, pad)
             live.update(Text("bringing the graph down"), refresh=True)
         shutil.rmtree(log.parent)
-        return True
+        return answers
 
     def _refuse_another_graph(self, node: Drive, executor: Executor, expected: set[str]) -> None:
         until = time.monotonic() + OTHERS_S
         while time.monotonic() < until and not self._leaves():
-            self._spin(node, executor)
+            executor.spin_once(timeout_sec=KEY_PERIOD_S)
+            self._keys.read()
             if there := node.present() & expected:
                 raise CommandError(
                     f"a graph is up already ({', '.join(sorted(there))}): drive that one with "
