@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from terminal import Terminal, left_running
 
-from nermo_bringup.recording.reader import Recording
+from nermo_node.recording import Recording
 
 DRIVE = [sys.executable, "-m", "nermo_bringup", "drive"]
 LIMP = "limp: emergency_stop (/nermo/drive says stop); 1 ends it"

@@ -29,7 +29,6 @@ from nermo_bringup.teleop.driver import Driver, Limits
 from nermo_bringup.teleop.keyboard import KeyboardError, KeyMapping, raw_terminal, read_keys
 from nermo_description.invocation import called, run_line
 from nermo_description.results import CommandError
-from nermo_description.robots import pantograph_names
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
@@ -201,7 +200,7 @@ class _Session:
     def _wait(self, node: Drive, executor: Executor, live: Live, graph: Graph, expected: list[str]) -> bool:
         """Until the graph answers; false where somebody leaves before."""
         began = time.monotonic()
-        needs_gaits = self._settings.robot not in pantograph_names()
+        needs_gaits = f"/{NAMESPACE}/gait_knowledge_base" in expected
         while not node.alive(needs_gaits):
             if self._leaves():
                 return False
