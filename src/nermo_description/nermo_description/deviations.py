@@ -1,6 +1,6 @@
 """What makes one mouse differ from its description: deviations of a robot file, entered into its model.
 
-The names, sites and values are those of `nermo_gap`'s effects, so that a diagnosis can be written down as a robot.
+The names, sites and values are those of `simgap`'s effects, so that a diagnosis can be written down as a robot.
 """
 
 from __future__ import annotations

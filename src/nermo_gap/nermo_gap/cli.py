@@ -1,29 +1,23 @@
-"""``nermo gap``: diagnose the gap between a recording and a model."""
+"""``nermo gap``: the commands of simgap, and those of the mouse."""
 
 from __future__ import annotations
 
-import contextlib
-import shlex
-import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 from nermo_description.robots import ParameterError
-from nermo_gap.blind.cli import blind_app
-from nermo_gap.core.diagnose import Diagnosis, Options, diagnose, write_experiment, write_report
-from nermo_gap.core.errors import GapInputError
-from nermo_gap.core.library import load_effects
-from nermo_gap.core.mapping import load_map
-from nermo_gap.core.plant import build_plant, load_spec
-from nermo_gap.core.recording import load_table, recording_from_table
-from nermo_gap.report.evidence import gather
-from nermo_gap.report.html import write_page
+from simgap.analysis.diagnose import Options, diagnose, write_report
+from simgap.blind.cli import blind_app
+from simgap.console import called, fail, print_diagnosis, progress, write_diagnosis
+from simgap.data.errors import GapInputError
+from simgap.data.mapping import load_map
+from simgap.data.plant import build_plant, load_spec
+from simgap.data.recording import load_table, recording_from_table
+from simgap.effects.library import load_effects
+
+_PROGRAM = ("nermo", "gap")
 
 gap_app = typer.Typer(
     name="gap",
@@ -67,12 +61,12 @@ def diagnose_command(
     """
     mouse = robot is not None or any(r.suffix.lower() == ".mcap" or r.is_dir() for r in recordings)
     if mouse and (model is not None or map_ is not None):
-        _fail("--model and --map are for tables of other robots; a recording of the mouse brings its own (--robot)", 2)
+        fail("--model and --map are for tables of other robots; a recording of the mouse brings its own (--robot)", 2)
     if not mouse and (model is None or map_ is None):
-        _fail("a table needs --model MODEL.xml and --map MAP.yaml, or --robot where it is one of the mouse", 2)
+        fail("a table needs --model MODEL.xml and --map MAP.yaml, or --robot where it is one of the mouse", 2)
     try:
         extra = tuple(c for path in effects or () for c in load_effects(path))
-        with _progress("align") as say:
+        with progress("align") as say:
             options = Options(seed, None, extra, {}, baselines, tuple(only or ()), say)
             if model is not None and map_ is not None:
                 plant = build_plant(load_spec(model), load_map(map_))
@@ -84,15 +78,10 @@ def diagnose_command(
 
                 found = diagnose_recordings(recordings, robot, options)
     except (GapInputError, ParameterError) as error:
-        _fail(str(error), 2)
-    found.report["command"] = _called("diagnose")
-    if out or json_:
-        write_experiment(found, out or json_.parent, found.menu)  # type: ignore[union-attr]
-    for path in filter(None, [json_, out / "diagnosis.json" if out else None]):
-        write_report(found.report, path)
-    if out:
-        write_page(found.report, gather(found), out / "report.html")
-    _print(found)
+        fail(str(error), 2)
+    found.report["command"] = called(_PROGRAM, "diagnose")
+    write_diagnosis(found, out, json_)
+    print_diagnosis(found)
 
 
 @gap_app.command("apply")
@@ -111,7 +100,7 @@ def apply_command(
     from nermo_gap.robots.apply import deviations_of, read_diagnosis, write_robot
 
     if out.suffix not in (".yaml", ".yml"):
-        _fail(f"--out: {out} must end in .yaml", 2)
+        fail(f"--out: {out} must end in .yaml", 2)
     try:
         report = read_diagnosis(diagnosis)
         base = robot or str(report.get("robot_file") or report["robot"])
@@ -119,12 +108,12 @@ def apply_command(
         if report["verdict"] != "effect":
             typer.echo(f"warning: the verdict was {report['verdict']}; the effects are its best guess", err=True)
         if not applied.deviations:
-            _fail(
+            fail(
                 f"{diagnosis}: holds no effect that a robot file can hold ({'; '.join(applied.left_out) or 'none'})", 1
             )
         write_robot(applied.deviations, base, out)
     except (GapInputError, ParameterError) as error:
-        _fail(str(error), 2)
+        fail(str(error), 2)
     for deviation in applied.deviations:
         values = ", ".join(f"{n} {v:.4g}" for n, v in deviation.values.items())
         typer.echo(f"{deviation.effect} at {', '.join(deviation.sites) or 'the world'}: {values}")
@@ -153,13 +142,13 @@ def explain_command(
     from nermo_gap.explain.report import explain_file, print_explanations
 
     try:
-        with _progress("experiments") as say:
+        with progress("experiments") as say:
             report = explain_file(
                 summary, out, only or [], effects, workers, lambda stage, done, total: say(stage, done / max(total, 1))
             )
     except (GapInputError, ParameterError) as error:
-        _fail(str(error), 2)
-    report["command"] = _called("explain")
+        fail(str(error), 2)
+    report["command"] = called(_PROGRAM, "explain")
     if json_ is not None:
         write_report(report, json_)
     print_explanations(report)
@@ -188,74 +177,15 @@ def predict_command(
         report = read_diagnosis(diagnosis)
         base = robot or str(report.get("robot_file") or report["robot"])
         applied = deviations_of(report, base)
-        with _progress("experiments") as say:
+        with progress("experiments") as say:
             rows = predict(
                 base, applied.deviations, out, quick, lambda done, total: say("experiments", done / max(total, 1))
             )
     except (GapInputError, ParameterError) as error:
-        _fail(str(error), 2)
+        fail(str(error), 2)
     if json_ is not None:
         write_report({"schema": "nermo_gap/prediction/1", "robot": base, "rows": rows}, json_)
     print_predictions(rows)
-
-
-@contextlib.contextmanager
-def _progress(first: str) -> Iterator[Callable[[str, float], None]]:
-    """A bar for a stage's share of 1 on a terminal, lines elsewhere."""
-    console = Console(stderr=True)
-    if console.is_terminal:
-        columns = (TextColumn("{task.description:>16}"), BarColumn(), TimeElapsedColumn())
-        with Progress(*columns, console=console, transient=True) as bar:
-            task = bar.add_task(first, total=1.0)
-            yield lambda stage, share: bar.update(task, description=stage, completed=share)
-        return
-    told = ""
-
-    def tell(stage: str, share: float) -> None:
-        nonlocal told
-        line = f"{stage}: {10 * int(10.0 * share)} %"
-        if line != told:
-            told = line
-            print(line, file=sys.stderr, flush=True)
-
-    yield tell
-
-
-def _called(name: str) -> str:
-    """The command line, whatever program it was given to."""
-    return shlex.join(["nermo", "gap", *sys.argv[sys.argv.index(name) if name in sys.argv else 1 :]])
-
-
-def _fail(message: str, status: int) -> NoReturn:
-    typer.echo(message, err=True)
-    raise typer.Exit(status)
-
-
-def _print(found: Diagnosis) -> None:
-    console, report = Console(), found.report
-    gap: dict[str, Any] = report["gap"]
-    console.print(f"[bold]verdict: {report['verdict']}[/bold]")
-    for reason in report["reasons"]:
-        console.print(f"  {reason}")
-    console.print(
-        f"held-out gap (noise floor = 1): {gap['before']:.2f} -> {gap['after']:.2f}, "
-        f"shrink {gap['shrink']:.3f} (90 %: {gap['ci90'][0]:.3f} to {gap['ci90'][1]:.3f})"
-    )
-    table = Table("effect", "site", "parameter", "value", "90 %")
-    for effect in report["effects"]:
-        for name, p in effect["parameters"].items():
-            interval = f"{p['ci90'][0]:.4g} to {p['ci90'][1]:.4g}"
-            table.add_row(effect["name"], effect["site"], name, f"{p['value']:.4g} {p['unit']}", interval)
-    if report["effects"]:
-        console.print(table)
-    for group in report["equivalent"]:
-        console.print("not told apart: " + ", ".join(group))
-    if report["next_experiment"]:
-        proposed = report["next_experiment"]
-        console.print(f"next: {proposed['description']} (expected gain {proposed['expected_gain']:.1f} nats)")
-    for warning in report["warnings"]:
-        console.print(f"[yellow]warning:[/yellow] {warning}")
-    console.print(f"{report['wall_s']:.1f} s")
 
 
 if __name__ == "__main__":

@@ -19,22 +19,6 @@ from nermo_description.model import build_model
 from nermo_description.parameters import LEGS
 from nermo_description.robots import load_robot
 from nermo_gap.cli import gap_app
-from nermo_gap.core.align import align
-from nermo_gap.core.diagnose import Options, write_report
-from nermo_gap.core.effects.base import Context
-from nermo_gap.core.errors import GapInputError
-from nermo_gap.core.fit import Fitter
-from nermo_gap.core.hypothesis import Hypothesis
-from nermo_gap.core.library import enumerate_effects
-from nermo_gap.core.noise import noise_floor
-from nermo_gap.core.recording import recording_from_table
-from nermo_gap.core.replay import Replayer
-from nermo_gap.core.residual import Residuals, channel_gap
-from nermo_gap.core.scales import measure_scales
-from nermo_gap.core.variant import Variant
-from nermo_gap.core.windows import cut
-from nermo_gap.report.evidence import gather
-from nermo_gap.report.html import write_page
 from nermo_gap.robots.channels import GYRO, TRACKER, command, encoder, position, resolution
 from nermo_gap.robots.diagnosis import REPORTING_HORIZON, REPORTING_WARM_UP, diagnose_recordings, robot_plant
 from nermo_gap.robots.live import LiveGap
@@ -44,6 +28,22 @@ from nermo_gap.robots.phases import gait_phases
 from nermo_gap.robots.simulated import simulate
 from nermo_gap.robots.sites import groups, nuisances, worth_a_look
 from nermo_sim.twin import Twin
+from simgap.analysis.diagnose import Options, write_report
+from simgap.data.align import align
+from simgap.data.errors import GapInputError
+from simgap.data.noise_floor import noise_floor
+from simgap.data.recording import recording_from_table
+from simgap.effects.base import Context
+from simgap.effects.library import enumerate_effects
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Hypothesis
+from simgap.inference.residual import Residuals, channel_gap
+from simgap.report.evidence import gather
+from simgap.report.html import write_page
+from simgap.simulation.replay import Replayer
+from simgap.simulation.scales import measure_scales
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import cut
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[3]

@@ -12,7 +12,7 @@ from nermo_bringup.launch.runner import launch
 from nermo_bringup.network import use_network
 from nermo_description.invocation import run_line
 from nermo_description.results import CommandError
-from nermo_description.robots import ParameterError, load_any_robot, pantograph_names
+from nermo_description.robots import MOUSE, ParameterError, family_of
 
 MAIN_FILE = "nermo.launch.xml"
 TARGETS = ("sim", "serial", "link")
@@ -74,8 +74,7 @@ def bring_up(
     robot, target, record = arguments["robot"], arguments["target"], arguments.get("record", "none")
     if target not in TARGETS:
         raise CommandError(f"--target {target} is not one of: {', '.join(TARGETS)}.", status=2)
-    check_robot(robot)
-    if robot in pantograph_names() and target != "sim":
+    if check_robot(robot) != MOUSE and target != "sim":
         raise CommandError(
             f"--target {target}: there are no electronics for {robot}; --target sim walks its twin.", status=2
         )
@@ -103,12 +102,12 @@ def bring_up(
     return launch(nodes)
 
 
-def check_robot(robot: str) -> None:
-    """Raises CommandError where there is no such robot, before any node is started for it."""
+def check_robot(robot: str) -> str:
+    """The robot's family. Raises CommandError where there is no such robot, before any node is started for it."""
     try:
-        load_any_robot(robot)
+        return family_of(robot)
     except ParameterError as error:
-        raise CommandError(str(error), status=2) from error
+        raise CommandError(f"--robot: {error}", status=2) from error
 
 
 def _make_missing_keys() -> None:

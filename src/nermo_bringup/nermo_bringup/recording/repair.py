@@ -16,7 +16,7 @@ import yaml
 from nermo_bringup.recording.bag import METADATA_FILE, BagWriter, Topic
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.qos import Offer
-from nermo_bringup.recording.reader import RawMessage, Recording
+from nermo_node.recording import RawMessage, Recording
 
 
 def repair(directory: Path) -> int:

@@ -18,6 +18,7 @@ from nermo_description.model import build_spec
 from nermo_description.parameters import LEGS
 from nermo_description.robots import load_robot
 from nermo_sim.loop import Loop, schedule
+from simgap.blind.cases import HEAVY, Robot
 
 Array = NDArray[np.float64]
 
@@ -86,3 +87,8 @@ def walk(seed: int, n: int, period: float) -> dict[str, Array]:
     recording = Loop.build(load_robot(NAME), GaitParameters()).run(schedule(says), n * period)
     commands = np.asarray(recording.commands, float)
     return {f"{s}_cmd": commands[:n, i] for i, s in enumerate(_servos())}
+
+
+def nermo_lite() -> Robot:
+    """The mouse for the blind check; it takes minutes a case. Its camera is noisier than the small robots' sensors."""
+    return Robot(NAME, xml(), mapping(), {}, walk, noise=5.0, share=HEAVY)

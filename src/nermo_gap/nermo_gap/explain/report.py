@@ -15,11 +15,11 @@ from rich.console import Console
 from rich.table import Table
 
 from nermo_description.robots import load_robot
-from nermo_gap.core.errors import GapInputError, nearest
 from nermo_gap.explain.candidates import candidates
 from nermo_gap.explain.evaluate import Evaluator
 from nermo_gap.explain.search import Explanation, Progress, explain
 from nermo_gap.explain.summary import Summary, load_summary
+from simgap.data.errors import GapInputError, nearest
 
 SCHEMA = "nermo_gap/explanation/1"
 SHOWN = 12

@@ -14,9 +14,9 @@ from nermo_description.model import build_robot
 from nermo_description.parameter_files import read_yaml, write_yaml
 from nermo_description.parameters import DEVIATIONS, Deviation
 from nermo_description.robots import load_robot, robot_names
-from nermo_gap.core.channels import model_names
-from nermo_gap.core.errors import GapInputError
 from nermo_gap.robots.sites import groups
+from simgap.data.channels import model_names
+from simgap.data.errors import GapInputError
 
 Obj = mujoco.mjtObj
 _KINDS = {

@@ -11,7 +11,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from nermo_description.parameters import LEGS, RobotParameters
-from nermo_gap.core.mapping import Map, parse_map
+from simgap.data.mapping import Map, parse_map
 
 TRACKER = ("base_x", "base_y", "base_z", "base_qw", "base_qx", "base_qy", "base_qz")
 """Pose of base_link in the tracker's frame, z up: [m] and quaternion."""

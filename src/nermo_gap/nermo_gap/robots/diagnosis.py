@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_description.robots import load_robot
-from nermo_gap.core.channels import OutputChannel
-from nermo_gap.core.diagnose import Diagnosis, Options, diagnose
-from nermo_gap.core.errors import GapInputError
-from nermo_gap.core.plant import Plant, build_plant
-from nermo_gap.core.recording import load_table, recording_from_table
 from nermo_gap.robots.channels import Channels, resolution, robot_map, servos_report
 from nermo_gap.robots.mcap_table import mcap_table, recorded_robot
 from nermo_gap.robots.menu import MouseMenu
 from nermo_gap.robots.model import diagnosis_spec
 from nermo_gap.robots.phases import gait_phases
 from nermo_gap.robots.sites import groups, nuisances, worth_a_look
+from simgap.analysis.diagnose import Diagnosis, Options, diagnose
+from simgap.data.channels import OutputChannel
+from simgap.data.errors import GapInputError
+from simgap.data.plant import Plant, build_plant
+from simgap.data.recording import load_table, recording_from_table
 
 Array = NDArray[np.float64]
 

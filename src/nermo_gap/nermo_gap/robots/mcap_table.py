@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS, RobotParameters
-from nermo_gap.core.errors import GapInputError, nearest
 from nermo_gap.robots.channels import GYRO, TRACKER, command, encoder, leg_servos, phase, position, torque
 from nermo_node.recording import Recording, RecordingError, TopicData
+from simgap.data.errors import GapInputError, nearest
 
 Array = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.types import ControlCommand, Posture, SpineModes
 from nermo_description.parameter_files import write_yaml
 from nermo_description.parameters import LEGS, RobotParameters
-from nermo_gap.core.align import Aligned
-from nermo_gap.core.experiment import SETTLE, Experiment
-from nermo_gap.core.plant import Plant
 from nermo_sim.loop import Loop, schedule
+from simgap.analysis.experiment import SETTLE, Experiment
+from simgap.data.align import Aligned
+from simgap.data.plant import Plant
 
 Array = NDArray[np.float64]
 

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS
-from nermo_gap.core.align import Aligned
-from nermo_gap.core.channels import OutputChannel
 from nermo_gap.robots.channels import phase
+from simgap.data.align import Aligned
+from simgap.data.channels import OutputChannel
 
 Mask = NDArray[np.bool_]
 

@@ -9,15 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS
-from nermo_gap.core import nuisance as prior
-from nermo_gap.core.channels import model_names
-from nermo_gap.core.effects.base import Effect
-from nermo_gap.core.effects.body import gyration, shift_com
-from nermo_gap.core.effects.contact import colliding, lean
-from nermo_gap.core.nuisance import Nuisance
-from nermo_gap.core.plant import Plant
-from nermo_gap.core.variant import Variant
 from nermo_gap.robots.channels import GYRO, servos_report
+from simgap.data.channels import model_names
+from simgap.data.plant import Plant
+from simgap.effects.base import Effect
+from simgap.effects.body import gyration, shift_com
+from simgap.effects.contact import lean
+from simgap.inference import nuisance as prior
+from simgap.inference.nuisance import Nuisance
+from simgap.simulation.contacts import colliding
+from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
 Obj = mujoco.mjtObj

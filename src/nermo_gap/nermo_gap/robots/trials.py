@@ -17,9 +17,9 @@ import mujoco
 import typer
 
 from nermo_description.robots import load_robot
-from nermo_gap.core.diagnose import Options
 from nermo_gap.robots.diagnosis import diagnose_robot
 from nermo_gap.robots.simulated import Change, simulate
+from simgap.analysis.diagnose import Options
 
 
 def _gain(model: mujoco.MjModel) -> None:

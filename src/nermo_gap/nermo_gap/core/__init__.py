@@ -1,1 +1,0 @@
-"""The robot-agnostic core: any MJCF, any recording. Imports no nermo package."""

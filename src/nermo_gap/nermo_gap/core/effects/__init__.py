@@ -1,1 +1,0 @@
-"""The effect library: one small class an effect, one file a subsystem."""

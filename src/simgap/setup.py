@@ -1,0 +1,36 @@
+from setuptools import find_packages, setup
+
+# All metadata is here, and pyproject.toml only names the build tool: colcon reads this file and never that one.
+package_name = "simgap"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={package_name: ["py.typed", "examples/**/*", "report/*.j2"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
+        (f"share/{package_name}", ["package.xml"]),
+    ],
+    python_requires=">=3.11",
+    install_requires=[
+        "jinja2>=3.0",
+        "matplotlib>=3.7",
+        "mujoco>=4.0",
+        "numpy>=1.26",
+        "pint>=0.24",
+        "pyarrow>=16",
+        "pydantic>=2.0",
+        "PyYAML>=6.0",
+        "rich>=13",
+        "scipy>=1.11",
+        "typer>=0.12",
+    ],
+    extras_require={"test": ["hypothesis", "pytest", "pytest-timeout"], "sysid": ["mujoco[sysid]>=4.0"]},
+    zip_safe=False,
+    maintainer="Nermo maintainers",
+    maintainer_email="maintainers@nermo.example",
+    description="Diagnosis of the sim-to-real gap of any MuJoCo model: where it lies, which effect causes it.",
+    license="Apache-2.0",
+    entry_points={"console_scripts": ["simgap = simgap.cli:main"]},
+)

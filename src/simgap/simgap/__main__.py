@@ -1,0 +1,5 @@
+"""``python -m simgap``: the simgap command."""
+
+from simgap.cli import main
+
+main()

@@ -1,0 +1,1 @@
+"""Beside the verdict: input checks, localisation, isolability, the next experiment, the diagnosis."""

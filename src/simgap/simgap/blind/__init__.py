@@ -1,0 +1,1 @@
+"""The blind check: recordings of a hidden truth, a diagnosis that cannot see it, and the score."""

@@ -1,0 +1,177 @@
+"""``simgap blind`` and ``python -m simgap.blind``: make, diagnose and score a blind check."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from simgap.blind.cases import SMALL
+from simgap.blind.make import BlindError, make
+from simgap.blind.run import results_file, run
+from simgap.blind.score import AIMS, TITLES, between, cell, markdown, score
+from simgap.blind.settle import settle
+
+blind_app = typer.Typer(
+    name="blind",
+    help="The blind check: hidden faults, a diagnosis that cannot see them, and the score.",
+    no_args_is_help=True,
+    add_completion=False,
+)
+
+
+def _fail(message: str, status: int) -> NoReturn:
+    typer.echo(message, err=True)
+    raise typer.Exit(status)
+
+
+@blind_app.command("make")
+def make_command(
+    out: Annotated[Path, typer.Option(help="Folder for recordings, maps and models: what may be seen.")],
+    cases: Annotated[int, typer.Option(help="How many: 20 % healthy, half with one fault, 15 % pairs, 15 % unknown.")],
+    seed: Annotated[int, typer.Option(help="Of everything that is drawn. It is sealed with the answers.")],
+    answers: Annotated[Path | None, typer.Option(help="Folder for the sealed answers; by default OUT-answers.")] = None,
+    robots: Annotated[str, typer.Option(help="Comma-separated.")] = ",".join(SMALL),
+    seconds: Annotated[float, typer.Option(help="Length of each recording [s].")] = 15.0,
+    workers: Annotated[int, typer.Option(help="Processes.")] = max((os.cpu_count() or 1) - 1, 1),
+    salt: Annotated[str | None, typer.Option(help="Sealed with each answer; random by default.")] = None,
+) -> None:
+    """Make recordings of robots with hidden faults, and seal the answers elsewhere.
+
+    \b
+    Example:
+      simgap blind make --out check --cases 200 --seed 2026 --answers sealed/check
+    """
+    place = answers or out.with_name(out.name + "-answers")
+    names = tuple(r for r in robots.split(",") if r)
+    try:
+        made = make(out, place, cases, seed, names, seconds, workers, salt, lambda i, n: _line(f"made {i} of {n}"))
+    except BlindError as error:
+        _fail(str(error), 2)
+    typer.echo(f"{len(made['cases'])} cases in {out}, seed {seed}; answers sealed in {place}")
+
+
+@blind_app.command("diagnose")
+def diagnose_command(
+    folder: Annotated[Path, typer.Argument(help="Folder of `make --out`.")],
+    out: Annotated[Path, typer.Option(help="Folder for results.jsonl, a line a case as it comes; resumes it.")],
+    workers: Annotated[int, typer.Option(help="Cases at a time.")] = 1,
+    threads: Annotated[int, typer.Option(help="Of each case; 0 takes all processors.")] = 0,
+    timeout: Annotated[float, typer.Option(help="Of one case [s].")] = 1800.0,
+    budget: Annotated[float | None, typer.Option(help="Stop after this time [s]; what is left waits.")] = None,
+    case: Annotated[list[str] | None, typer.Option(help="Only this case (may be repeated).")] = None,
+    baselines: Annotated[bool, typer.Option(help="Also the alternatives (fit everything at once).")] = True,
+    keep: Annotated[bool, typer.Option(help="Keep every diagnosis.json.")] = False,
+    answers: Annotated[
+        list[Path] | None, typer.Option(help="Where answers lie: each process tries to read there, and must fail.")
+    ] = None,
+) -> None:
+    """Diagnose all cases, each in a process that can read nothing but its own case.
+
+    \b
+    Example:
+      simgap blind diagnose check --out results --workers 16 --threads 1
+    """
+    try:
+        found = run(
+            folder,
+            out,
+            workers,
+            threads or None,
+            timeout,
+            tuple(case or ()),
+            baselines,
+            keep,
+            _hidden(folder, answers),
+            budget,
+            progress=_told,
+        )
+    except BlindError as error:
+        _fail(str(error), 2)
+    done = sum(r["status"] == "done" for r in found.values())
+    typer.echo(f"{done} of {len(found)} diagnosed; {results_file(out)}")
+    if any(r["status"] in ("failed", "refused") for r in found.values()):
+        first = next(r for r in found.values() if r["status"] in ("failed", "refused"))
+        _fail(f"case {first['id']} {first['status']}: {first.get('error')}", 1)
+
+
+def _hidden(folder: Path, answers: list[Path] | None) -> list[Path]:
+    """Places that no diagnosing process may read: those given, and the default one where it exists."""
+    usual = folder.resolve().with_name(folder.resolve().name + "-answers")
+    return [*(a.resolve() for a in answers or ()), *([usual] if usual.exists() else [])]
+
+
+@blind_app.command("score")
+def score_command(
+    folder: Annotated[Path, typer.Argument(help="Folder of `make --out`.")],
+    answers: Annotated[Path, typer.Argument(help="Folder of the sealed answers.")],
+    results: Annotated[Path, typer.Argument(help="Folder (or .jsonl file) of `diagnose --out`.")],
+    json_: Annotated[Path | None, typer.Option("--json", help="File for the score.")] = None,
+    markdown_: Annotated[Path | None, typer.Option("--markdown", help="File for the tables, as Markdown.")] = None,
+) -> None:
+    """Open the answers and score the results.
+
+    \b
+    Example:
+      simgap blind score check sealed/check results --json score.json
+    """
+    try:
+        scored = score(folder, answers, results)
+    except BlindError as error:
+        _fail(str(error), 2)
+    for path, text in ((json_, json.dumps(scored, indent=1) + "\n"), (markdown_, markdown(scored))):
+        if path:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+    _print(scored)
+
+
+@blind_app.command("settle")
+def settle_command(
+    folder: Annotated[Path, typer.Argument(help="Folder of `make --out`.")],
+    answers: Annotated[Path, typer.Argument(help="Folder of the sealed answers.")],
+    results: Annotated[Path, typer.Argument(help="Folder of `diagnose --out`.")],
+    out: Annotated[Path, typer.Option(help="Folder for the new check.")],
+) -> None:
+    """Run the proposed experiments of ambiguous cases on their hidden robots, as a check to diagnose and score again.
+
+    \b
+    Example:
+      simgap blind settle check sealed/check results --out check_next
+      simgap blind diagnose check_next --out results_next --answers sealed/check
+      simgap blind score check_next sealed/check results_next
+    """
+    try:
+        found = settle(folder, answers, results, out, lambda i, n: _line(f"ran {i} of {n}"))
+    except BlindError as error:
+        _fail(str(error), 2)
+    typer.echo(f"{len(found)} cases in {out}: diagnose and score them with the same answers")
+
+
+def _told(row: dict[str, Any], finished: int, total: int) -> None:
+    verdict = row.get("verdict") or row["status"]
+    named = ", ".join(f"{e['name']}@{e['site']}" for e in row.get("effects") or [])
+    _line(f"{finished}/{total} case {row['id']}: {verdict} {named} ({row['wall_s']:.0f} s)")
+
+
+def _line(text: str) -> None:
+    typer.echo(text, err=True)
+
+
+def _print(scored: dict[str, Any]) -> None:
+    table = Table("what", "ours", "90 %", "n", "aim", "floor", "in sample", "fit all")
+    others = scored["alternatives"]
+    for name, (aim, floor) in AIMS.items():
+        own = scored[name]
+        interval = " to ".join(cell(v, name) for v in own["ci90"]) if own["ci90"] else "–"
+        beside = [cell(others[o].get(name, {}).get("value"), name) for o in ("best_in_sample", "fit_everything")]
+        row = [TITLES[name], cell(own["value"], name), interval, str(own["n"])]
+        row += [between(aim, name), between(floor, name), *beside]
+        table.add_row(*row)
+    Console(width=150).print(table)
+    typer.echo(f"{scored['scored']} of {scored['made']} cases scored; status {scored['status']}")

@@ -1,0 +1,130 @@
+"""Makes a blind check: recordings, maps and models on one side, sealed answers on the other."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import secrets
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import yaml
+
+from simgap.blind.cases import SMALL, Case, draw, robot_of
+from simgap.blind.recordings import realise
+
+SCHEMA = "nermo_gap/blind/1"
+Progress = Callable[[int, int], None]
+
+
+class BlindError(Exception):
+    """A blind check cannot be made, run or scored; the message says why."""
+
+
+def make(
+    folder: Path,
+    answers: Path,
+    count: int,
+    seed: int,
+    robots: Sequence[str] = SMALL,
+    seconds: float = 15.0,
+    workers: int = 1,
+    salt: str | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Write ``folder``/data/ID/{recording.npz, map.yaml, model.xml} and ``answers``/ID.json; returns the manifest.
+
+    The manifest, which is published, holds a SHA-256 of every answer (salted by a random number inside it), so that no
+    answer can be changed later; it holds neither seed nor kinds. The same seed gives the same recordings.
+
+    Raises:
+        BlindError: a folder that already holds a check, answers inside of the data, or values out of range.
+    """
+    folder, answers = folder.resolve(), answers.resolve()
+    if answers == folder or folder in answers.parents or answers in folder.parents:
+        raise BlindError(f"answers = {answers}: must lie outside of {folder}, and not around it")
+    for place in (folder / "manifest.json", answers / "answers.json"):
+        if place.exists():
+            raise BlindError(f"{place} already exists: choose another folder")
+    if not 1 <= count <= 10_000:
+        raise BlindError(f"cases = {count}: must lie between 1 and 10000")
+    if not 6.0 <= seconds <= 120.0:
+        raise BlindError(f"seconds = {seconds:g}: must lie between 6 and 120")
+    try:
+        cases = draw(count, seed, robots, seconds)
+    except ValueError as error:
+        raise BlindError(str(error)) from error
+    answers.mkdir(parents=True, exist_ok=True)
+    answers.chmod(0o700)
+    entries = []
+    for done, case in enumerate(_simulated(cases, workers, robots), 1):
+        entries.append(_publish(case, folder, answers, salt or secrets.token_hex(16)))
+        if progress:
+            progress(done, count)
+    manifest = {
+        "schema": SCHEMA,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "versions": {"mujoco": mujoco.__version__, "python": platform.python_version()},
+        "cases": entries,
+    }
+    (folder / "manifest.json").write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+    sealed = {"schema": SCHEMA, "seed": seed, "robots": list(robots), "cases": [c.answer() for c in cases]}
+    (answers / "answers.json").write_text(json.dumps(sealed, indent=1) + "\n", encoding="utf-8")
+    return manifest
+
+
+def _simulated(cases: Sequence[Case], workers: int, robots: Sequence[str]) -> Any:
+    if workers <= 1:
+        for i, case in enumerate(cases):
+            yield _update(cases, i, realise(case, robots))
+        return
+    with get_context("spawn").Pool(workers) as pool:
+        for i, case in enumerate(pool.imap(partial(realise, robots=robots), cases)):
+            yield _update(cases, i, case)
+
+
+def _update(cases: Sequence[Case], i: int, case: Case) -> Case:
+    """What a worker found out goes back into the list; the columns stay with the one that is returned."""
+    cases[i].robot, cases[i].faults, cases[i].healthy_shift = case.robot, case.faults, case.healthy_shift
+    return case
+
+
+def _publish(case: Case, folder: Path, answers: Path, salt: str) -> dict[str, Any]:
+    robot, place = robot_of(case.robot), folder / "data" / case.id
+    place.mkdir(parents=True, exist_ok=True)
+    write_recording(case.columns, place / "recording.npz")
+    (place / "map.yaml").write_text(yaml.safe_dump(robot.mapping, sort_keys=False), encoding="utf-8")
+    (place / "model.xml").write_text(robot.xml, encoding="utf-8")
+    answer = json.dumps(case.answer() | {"salt": salt}, indent=1, sort_keys=True) + "\n"
+    (answers / f"{case.id}.json").write_text(answer, encoding="utf-8")
+    return {
+        "id": case.id,
+        "robot": case.robot,
+        "seconds": case.seconds,
+        "answer_sha256": hashlib.sha256(answer.encode()).hexdigest(),
+        "recording_sha256": hashlib.sha256((place / "recording.npz").read_bytes()).hexdigest(),
+    }
+
+
+def write_recording(columns: dict[str, Any], path: Path) -> None:
+    """Write columns with the seven digits that a logger gives; more would only make the files larger."""
+    np.savez_compressed(path, **{n: v if n == "t" else np.round(v, 7) for n, v in columns.items()})
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """The published manifest. Raises BlindError where it is missing or broken."""
+    path = folder / "manifest.json"
+    try:
+        manifest: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise BlindError(f"{path} cannot be read: {error}") from error
+    if manifest.get("schema") != SCHEMA:
+        raise BlindError(f"{path}: schema = {manifest.get('schema')!r}: must be {SCHEMA!r}")
+    return manifest

@@ -1,0 +1,157 @@
+"""Runs the diagnosis over the cases of a blind check: one confined process a case, resumable, several at a time."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+from simgap.blind.make import BlindError, read_manifest
+
+Progress = Callable[[dict[str, Any], int, int], None]
+
+RESULTS = "results.jsonl"
+_KEPT = ("verdict", "reasons", "gap", "effects", "equivalent", "baselines", "warnings", "isolation", "robot")
+
+
+def results_file(out: Path) -> Path:
+    """The lines of results, from a folder or the file itself."""
+    return out if out.suffix == ".jsonl" else out / RESULTS
+
+
+def experiment_file(out: Path, case: str) -> Path:
+    """Where the command file of the experiment that a case's diagnosis proposes is kept."""
+    return out / f"{case}.next.csv"
+
+
+def read_results(out: Path) -> dict[str, dict[str, Any]]:
+    """Results by case; a line that was cut off is left out, the last line of a case counts."""
+    path, found = results_file(out), {}
+    if path.exists():
+        for line in path.read_text(encoding="utf-8").splitlines():
+            try:
+                row = json.loads(line)
+                found[row["id"]] = row
+            except (ValueError, KeyError, TypeError):
+                continue
+    return found
+
+
+def run(
+    folder: Path,
+    out: Path,
+    workers: int = 1,
+    threads: int | None = None,
+    timeout: float = 1800.0,
+    cases: Sequence[str] = (),
+    baselines: bool = True,
+    keep: bool = False,
+    answers: Sequence[Path] = (),
+    budget: float | None = None,
+    only: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> dict[str, dict[str, Any]]:
+    """Diagnose what has no result yet; a line of JSON a case is appended to ``out``/results.jsonl as it comes.
+
+    ``cases`` are taken in this order. ``answers`` are places that must not be readable; each process tries. ``budget``
+    [s]: no case is begun later than this, and those under way are stopped then, to be resumed another time. ``keep``
+    keeps each full diagnosis.json.
+
+    Raises:
+        BlindError: no check, answers within reach, or unknown cases.
+    """
+    folder, out = folder.resolve(), out.resolve()
+    manifest = read_manifest(folder)
+    ids = [c["id"] for c in manifest["cases"]]
+    unknown = sorted(set(cases) - set(ids))
+    if unknown:
+        raise BlindError(f"case {unknown[0]!r} is not one of {ids[0]} to {ids[-1]}")
+    _refuse_reachable(folder, answers)
+    out.mkdir(parents=True, exist_ok=True)
+    done = read_results(out)
+    todo = [i for i in (cases or ids) if done.get(i, {}).get("status") not in ("done", "refused")]
+    if not cases:
+        # The slow ones first, so that no worker is left alone with them at the end.
+        todo.sort(key=lambda i: -sum(f.stat().st_size for f in (folder / "data" / i).glob("recording.*")))
+    options = {"threads": threads, "baselines": baselines, "only": list(only), "answers": [str(a) for a in answers]}
+    lock, stopped, begun = threading.Lock(), threading.Event(), time.monotonic()
+    left = (lambda: float("inf")) if budget is None else (lambda: budget - (time.monotonic() - begun))
+
+    def one(case: str) -> dict[str, Any] | None:
+        remaining = left()
+        if remaining < 1.0:
+            return None
+        row = _diagnose(folder / "data" / case, out, options, min(timeout, remaining), keep)
+        if stopped.is_set() or (row["status"] == "timeout" and remaining < timeout):
+            return None
+        with lock, results_file(out).open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+        return row
+
+    pool = ThreadPoolExecutor(max(workers, 1))
+    try:
+        futures = [pool.submit(one, case) for case in todo]
+        for finished, future in enumerate(as_completed(futures), 1):
+            row = future.result()
+            if row is not None and progress:
+                progress(row, finished, len(todo))
+    except KeyboardInterrupt:
+        stopped.set()  # What is under way was interrupted too, and waits for the next call.
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+    return read_results(out)
+
+
+def _refuse_reachable(folder: Path, answers: Sequence[Path]) -> None:
+    for place in (*answers, folder):
+        if place == folder:
+            inside = [*folder.rglob("answers*"), *folder.rglob("*answer*.json")]
+            if inside:
+                raise BlindError(f"{inside[0]}: answers lie inside of the data; move them away")
+        elif folder.resolve() in place.resolve().parents:
+            raise BlindError(f"{place}: answers lie inside of the data; move them away")
+
+
+def _diagnose(case: Path, out: Path, options: dict[str, Any], timeout: float, keep: bool) -> dict[str, Any]:
+    started = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="blind-") as scratch:
+        command = [sys.executable, "-P", "-m", "simgap.blind.worker", str(case), scratch, json.dumps(options)]
+        environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+        row: dict[str, Any] = {"id": case.name, "status": "failed"}
+        try:
+            ended = subprocess.run(
+                command, cwd=scratch, env=environment, capture_output=True, text=True, timeout=timeout, check=False
+            )
+        except subprocess.TimeoutExpired:
+            return row | {"status": "timeout", "wall_s": time.monotonic() - started}
+        result = Path(scratch) / f"{case.name}.json"
+        if ended.returncode or not result.exists():
+            last = (ended.stderr.strip().splitlines() or ["no output"])[-1]
+            refused = "GapInputError" in last
+            row |= {"status": "refused" if refused else "failed", "error": last[:500]}
+            return row | {"wall_s": time.monotonic() - started}
+        report = json.loads(result.read_text(encoding="utf-8"))
+        proposed = (report.get("next_experiment") or {}).get("file")
+        if proposed:
+            shutil.copy(Path(scratch) / proposed, experiment_file(out, case.name))
+        if keep:
+            (out / f"{case.name}.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    return row | {
+        "status": "done",
+        **{k: report[k] for k in _KEPT if k in report},
+        "where": report["where"][:6],
+        "ranking": report.get("ranking", [])[:5],
+        "next_experiment": (report.get("next_experiment") or {}).get("description"),
+        "wall_s": report["time_to_verdict_s"],
+        "process_s": time.monotonic() - started,
+    }

@@ -1,0 +1,53 @@
+"""One case of a blind check, diagnosed in a process that sees this case alone: ``python -m simgap.blind.worker``.
+
+The process first gives up the right to read anything but its case, its Python and the system (see jail.py), and only
+then looks at the recording.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+
+def main(case: Path, out: Path, options: dict[str, Any]) -> None:
+    """Diagnose ``case`` into ``out``/ID.json; ``options``: threads, baselines, seed, only, answers (a path to try)."""
+    # Imported before the jail closes, since some libraries look around the file system when they are imported.
+    from simgap.analysis.diagnose import Options, diagnose, write_experiment
+    from simgap.blind.jail import can_read, confine
+    from simgap.data.mapping import load_map
+    from simgap.data.plant import build_plant, load_spec
+    from simgap.data.recording import load_table, recording_from_table
+    from simgap.inference.baselines import fit_everything  # noqa: F401
+
+    out.mkdir(parents=True, exist_ok=True)
+    os.environ["TMPDIR"] = str(out)
+    sealed = confine([case], [out])
+    leaks = [str(p) for p in (case.parent, *map(Path, options.get("answers", ()))) if can_read(p)]
+    isolation = {"landlock": sealed, "readable_beyond_the_case": leaks}
+    if sealed and leaks:
+        raise SystemExit(f"{case}: the jail leaks: {', '.join(leaks)} can be read")
+    started = time.monotonic()
+    plant = build_plant(load_spec(case / "model.xml"), load_map(case / "map.yaml"))
+    recordings = [recording_from_table(load_table(p), plant, p.stem) for p in sorted(case.glob("recording*.npz"))]
+    chosen = Options(
+        seed=int(options.get("seed", 0)),
+        threads=options.get("threads"),
+        baselines=bool(options.get("baselines", True)),
+        only=tuple(options.get("only", ())),
+    )
+    found = diagnose(recordings, plant, chosen)
+    write_experiment(found, out)
+    report = found.report
+    report |= {"id": case.name, "isolation": isolation, "time_to_verdict_s": time.monotonic() - started}
+    partial = out / f".{case.name}.partial"
+    partial.write_text(json.dumps(report) + "\n", encoding="utf-8")
+    partial.replace(out / f"{case.name}.json")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve(), json.loads(sys.argv[3]))

@@ -1,0 +1,224 @@
+"""From raw rows to a uniform grid: time checks, runs, dropped samples, wrapped angles, dead channels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.data.errors import GapInputError
+from simgap.data.plant import Plant
+from simgap.data.recording import Recording
+
+Array = NDArray[np.float64]
+
+MIN_DURATION = 4.0
+"""[s] Less than this gives too few blocks to keep some of them for scoring."""
+MAX_PERIOD = 0.1
+"""[s] A robot's log that is slower says nothing about its dynamics."""
+_JUMP_PERIODS = 10.0
+"""A step of time longer than this many periods ends a run."""
+_HOLE_PERIODS = 2.5
+"""Outputs are not interpolated over holes longer than this many periods; such samples are not scored."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """Rows [start, stop) of the grid that follow each other without a gap."""
+
+    start: int
+    stop: int
+    label: float
+
+
+@dataclass
+class Aligned:
+    """A recording on a uniform grid within each run.
+
+    Attributes:
+        period: [s] of the grid.
+        time: (n,) [s].
+        inputs: (n, ni), no NaN.
+        outputs: (n, no), no NaN (held over holes).
+        valid: (n, no) False where an output was not sampled.
+        runs: in order; windows never cross their borders.
+        live: (no,) False for an output that does not change at all.
+    """
+
+    period: float
+    time: Array
+    inputs: Array
+    outputs: Array
+    valid: NDArray[np.bool_]
+    runs: tuple[Run, ...]
+    live: NDArray[np.bool_]
+    held_out: tuple[float, ...] = ()
+    auxiliary: dict[str, Array] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def duration(self) -> float:
+        """[s] recorded, without the gaps."""
+        return sum((r.stop - r.start - 1) * self.period for r in self.runs)
+
+
+def align(recording: Recording, plant: Plant) -> Aligned:
+    """Split a recording into runs and put each on a uniform grid.
+
+    Raises:
+        GapInputError: time that is not finite or does not advance, less than MIN_DURATION of usable data, or no output
+            that changes.
+    """
+    warnings = list(recording.warnings)
+    time, keep = recording.time, np.isfinite(recording.time) & np.isfinite(recording.segment)
+    if not keep.all():
+        warnings.append(f"{int((~keep).sum())} rows without a time or run number are left out")
+    time, segment = time[keep], recording.segment[keep]
+    inputs, outputs = recording.inputs[keep], recording.outputs[keep]
+    auxiliary = {k: v[keep] for k, v in recording.auxiliary.items()}
+    if len(time) < 10:
+        raise GapInputError(f"the recording has {len(time)} usable rows; at least {MIN_DURATION:g} s are needed")
+    steps = np.diff(time)
+    same_run = segment[1:] == segment[:-1]
+    forward = steps[(steps > 0) & same_run]
+    if len(forward) < 0.5 * len(steps):
+        raise GapInputError("time does not advance in most rows of the recording")
+    period = float(np.median(forward))
+    if period > MAX_PERIOD:
+        raise GapInputError(
+            f"the recording is sampled every {period:.3g} s, slower than {MAX_PERIOD:g} s; is the unit of time right?"
+        )
+    breaks = _breaks(time, segment, period, warnings)
+    pieces, runs, position = [], [], 0
+    for start, stop in zip([0, *breaks], [*breaks, len(time)], strict=True):
+        piece = _resample(time[start:stop], inputs[start:stop], outputs[start:stop], period, auxiliary, start, plant)
+        if piece is None:
+            continue
+        pieces.append(piece)
+        runs.append(Run(position, position + len(piece[0]), float(segment[start])))
+        position += len(piece[0])
+    usable = sum((r.stop - r.start) * period for r in runs)
+    if usable < MIN_DURATION:
+        raise GapInputError(
+            f"the recording holds {usable:.2f} s of usable data; at least {MIN_DURATION:g} s are needed "
+            "to fit on one part and score on another"
+        )
+    grid_time, grid_inputs, grid_outputs, valid = (np.concatenate([p[i] for p in pieces]) for i in range(4))
+    grid_aux = {k: np.concatenate([p[4][k] for p in pieces]) for k in auxiliary}
+    for channel, taken in zip(plant.outputs, valid.T, strict=True):
+        if (share := _missing(taken)) > 0.01:
+            warnings.append(f"output {channel.name}: {100 * share:.1f} % of the samples are missing")
+    live = _live(grid_outputs, valid, plant, warnings)
+    return Aligned(
+        period,
+        grid_time,
+        grid_inputs,
+        grid_outputs,
+        valid.astype(bool),
+        tuple(runs),
+        live,
+        recording.held_out,
+        grid_aux,
+        warnings,
+    )
+
+
+def _missing(valid: NDArray[np.bool_]) -> float:
+    """Share of the samples that lack of a channel that is recorded in every so many rows (n,)."""
+    rows = np.flatnonzero(valid)
+    every = float(np.median(np.diff(rows))) if len(rows) > 1 else 1.0
+    return 1.0 - every * float(np.mean(valid))
+
+
+def _breaks(time: Array, segment: Array, period: float, warnings: list[str]) -> list[int]:
+    """Rows at which a new run starts."""
+    steps = np.diff(time)
+    new_segment = segment[1:] != segment[:-1]
+    jump = ((steps > _JUMP_PERIODS * period) | (steps < -0.5 * period)) & ~new_segment
+    if jump.any():
+        worst = int(np.argmax(np.where(jump, np.abs(steps), 0.0)))
+        warnings.append(
+            f"time jumps {int(jump.sum())} times (by {steps[worst]:+.3g} s at row {worst + 1}); "
+            "the recording is split there"
+        )
+    return [int(i) + 1 for i in np.flatnonzero(new_segment | jump)]
+
+
+def _resample(
+    time: Array,
+    inputs: Array,
+    outputs: Array,
+    period: float,
+    auxiliary: dict[str, Array],
+    start: int,
+    plant: Plant,
+) -> tuple[Array, Array, Array, Array, dict[str, Array]] | None:
+    """One run on its uniform grid, or None where it is too short to hold a window."""
+    order = np.concatenate([[True], np.diff(np.maximum.accumulate(time)) > 0.01 * period])
+    stop = start + len(time)
+    time, inputs, outputs = time[order], inputs[order], outputs[order]
+    if len(time) < 20 or time[-1] - time[0] < 20 * period:
+        return None
+    grid = time[0] + period * np.arange(int((time[-1] - time[0]) / period + 1e-6) + 1)
+    new_inputs = np.empty((len(grid), inputs.shape[1]))
+    for i, channel in enumerate(plant.inputs):
+        ok = np.isfinite(inputs[:, i])
+        if not ok.any():
+            return None
+        if channel.linear:
+            new_inputs[:, i] = np.interp(grid, time[ok], inputs[ok, i])
+        else:
+            held = np.searchsorted(time[ok], grid + 1e-3 * period, side="right") - 1
+            new_inputs[:, i] = inputs[ok, i][np.maximum(held, 0)]
+    new_outputs, valid = np.zeros((len(grid), outputs.shape[1])), np.zeros((len(grid), outputs.shape[1]))
+    for i, output in enumerate(plant.outputs):
+        ok = np.isfinite(outputs[:, i])
+        if not ok.any():
+            continue
+        values = outputs[ok, i]
+        hinge = output.qpos >= 0 and output.quantity == "angle"
+        if output.wrapped or (hinge and np.abs(np.diff(values)).max(initial=0.0) > 1.5 * np.pi):
+            values = np.unwrap(values)
+        new_outputs[:, i] = np.interp(grid, time[ok], values)
+        # A channel may be slower than the table: what counts as a hole is judged by its own period.
+        stamps = time[ok]
+        own = max(period, float(np.median(np.diff(stamps)))) if len(stamps) > 1 else period
+        after = np.clip(np.searchsorted(stamps, grid), 1, max(len(stamps) - 1, 1))
+        gap = stamps[np.minimum(after, len(stamps) - 1)] - stamps[after - 1]
+        on_sample = np.abs(stamps[np.minimum(after, len(stamps) - 1)] - grid) < 0.5 * period
+        on_sample |= np.abs(stamps[after - 1] - grid) < 0.5 * period
+        inside = (grid >= stamps[0] - 0.5 * period) & (grid <= stamps[-1] + 0.5 * period)
+        valid[:, i] = inside & on_sample & ((gap <= _HOLE_PERIODS * own) | on_sample)
+    aux = {}
+    for name, column in auxiliary.items():
+        values = column[start:stop][order]
+        ok = np.isfinite(values)
+        aux[name] = np.interp(grid, time[ok], values[ok]) if ok.any() else np.full(len(grid), np.nan)
+    return grid, new_inputs, new_outputs, valid, aux
+
+
+def _live(outputs: Array, valid: Array, plant: Plant, warnings: list[str]) -> NDArray[np.bool_]:
+    live = np.zeros(len(plant.outputs), bool)
+    for i, channel in enumerate(plant.outputs):
+        values = outputs[valid[:, i] > 0, i]
+        live[i] = len(values) > 10 and float(np.ptp(values)) > 0.0
+        if live[i]:
+            longest = _longest_constant(values)
+            if longest > 0.5 * len(values) and longest > 200:
+                live[i] = False
+                warnings.append(
+                    f"output {channel.name}: stands still for {100 * longest / len(values):.0f} % of the recording; "
+                    "taken for a dead channel and not scored"
+                )
+        else:
+            warnings.append(f"output {channel.name}: never changes; taken for a dead channel and not scored")
+    if not live.any():
+        raise GapInputError("no output of the recording ever changes; there is nothing to compare")
+    return live
+
+
+def _longest_constant(values: Array) -> int:
+    changes = np.flatnonzero(np.diff(values) != 0.0)
+    edges = np.concatenate([[-1], changes, [len(values) - 1]])
+    return int(np.diff(edges).max())

@@ -1,0 +1,103 @@
+"""The noise floor of each channel: what would differ if the very same experiment were repeated."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_coeffs
+
+from simgap.data.align import Aligned
+
+Array = NDArray[np.float64]
+
+_WINDOW, _ORDER = 7, 3
+_MIN_SHARE = 2e-5
+"""No floor is below this share of the channel's spread: a simulation's own errors are of that size."""
+
+
+def noise_floor(aligned: Aligned) -> Array:
+    """Standard deviation of the noise of every output, (no,) in the channel's unit.
+
+    The largest of: scatter between repeats (runs with the same inputs), the high-frequency content (what a local cubic
+    does not explain, by the median so that impacts do not count), the quantisation step / sqrt(12), and 2e-5 of the
+    channel's spread.
+    """
+    spread = np.array([_spread(aligned, i) for i in range(aligned.outputs.shape[1])])
+    floors = np.stack([_high_frequency(aligned), _quantisation(aligned), _repeats(aligned), _MIN_SHARE * spread])
+    floor: Array = np.maximum(floors.max(axis=0), 1e-12)
+    return floor
+
+
+def input_noise(aligned: Aligned) -> Array:
+    """Standard deviation of the white noise of every input, (ni,) in the channel's unit; 0 for one that is exact."""
+    return _deviation(aligned, aligned.inputs, np.ones(aligned.inputs.shape, bool))
+
+
+def _spread(aligned: Aligned, i: int) -> float:
+    low, high = np.percentile(aligned.outputs[aligned.valid[:, i], i], [2, 98]) if aligned.valid[:, i].any() else (0, 0)
+    return float(high - low)
+
+
+def _high_frequency(aligned: Aligned) -> Array:
+    return _deviation(aligned, aligned.outputs, aligned.valid)
+
+
+def _deviation(aligned: Aligned, values: Array, valid: NDArray[np.bool_]) -> Array:
+    """Robust deviation from a local cubic over 7 samples, corrected for what the cubic takes with it."""
+    smoother = savgol_coeffs(_WINDOW, _ORDER)
+    kept = float(np.sqrt(1.0 - smoother[_WINDOW // 2]))
+    floor = np.zeros(values.shape[1])
+    for i in range(values.shape[1]):
+        residuals = []
+        for run in aligned.runs:
+            y, ok = values[run.start : run.stop, i], valid[run.start : run.stop, i]
+            rows = np.flatnonzero(ok)
+            if len(rows) <= _WINDOW:
+                continue
+            # A channel slower than the grid is judged by its own samples.
+            step = max(round(float(np.median(np.diff(rows)))), 1)
+            y, ok = y[rows[0] :: step], ok[rows[0] :: step]
+            residual = (y - np.convolve(y, smoother, mode="same"))[_WINDOW:-_WINDOW]
+            whole = np.convolve(ok, np.ones(_WINDOW), mode="same")[_WINDOW:-_WINDOW] > _WINDOW - 0.5
+            residuals.append(residual[whole])
+        joined = np.concatenate(residuals) if residuals else np.zeros(0)
+        if len(joined):
+            floor[i] = 1.4826 * float(np.median(np.abs(joined))) / kept
+    return floor
+
+
+def _quantisation(aligned: Aligned) -> Array:
+    """Step / sqrt(12) where the values lie on a lattice."""
+    floor = np.zeros(aligned.outputs.shape[1])
+    for i in range(aligned.outputs.shape[1]):
+        values = np.unique(aligned.outputs[aligned.valid[:, i], i])
+        if len(values) < 3:
+            continue
+        steps = np.diff(values)
+        steps = steps[steps > 1e-9 * max(float(np.ptp(values)), 1e-12)]
+        step = float(np.percentile(steps, 5)) if len(steps) else 0.0
+        if step > 0 and np.mean(np.abs(steps / step - np.round(steps / step)) < 0.02) > 0.9:
+            floor[i] = step / np.sqrt(12.0)
+    return floor
+
+
+def _repeats(aligned: Aligned) -> Array:
+    """Deviation between runs that were told the same: sd of the difference / sqrt(2)."""
+    floor = np.zeros(aligned.outputs.shape[1])
+    squares: list[Array] = []
+    scale = np.ptp(aligned.inputs, axis=0) + 1e-12
+    for a, first in enumerate(aligned.runs):
+        for second in aligned.runs[a + 1 :]:
+            n = min(first.stop - first.start, second.stop - second.start)
+            if n < 50:
+                continue
+            one, two = slice(first.start, first.start + n), slice(second.start, second.start + n)
+            if np.max(np.abs(aligned.inputs[one] - aligned.inputs[two]) / scale) > 1e-6:
+                continue
+            difference = np.where(
+                aligned.valid[one] & aligned.valid[two], aligned.outputs[one] - aligned.outputs[two], 0
+            )
+            squares.append(np.mean(difference**2, axis=0) / 2.0)
+    if squares:
+        floor = np.sqrt(np.median(np.stack(squares), axis=0))
+    return floor

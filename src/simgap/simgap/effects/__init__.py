@@ -1,0 +1,1 @@
+"""What may cause a gap, the effect library: one small class an effect, one file a subsystem."""

@@ -1,0 +1,207 @@
+"""What an effect is: a small change of the model or of a signal path, at a site, with bounded parameters."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.data.channels import model_names
+from simgap.data.plant import Plant
+from simgap.simulation.scales import Scales
+from simgap.simulation.variant import Variant
+
+Array = NDArray[np.float64]
+Obj = mujoco.mjtObj
+FEW_JOINTS = 4
+"""A robot with no more joints gets values of their own in a group."""
+_HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    Attributes:
+        neutral: the value at which the effect does nothing.
+        low, high: bounds.
+        tries: values to start from, weak to strong (an effect may have no slope at its neutral value).
+        scale: the size of a noticeable change; also the step of finite differences, times a small factor.
+        strong: distance from neutral of the strongest try.
+    """
+
+    name: str
+    unit: str
+    neutral: float
+    low: float
+    high: float
+    tries: tuple[float, ...]
+    scale: float
+
+    @property
+    def strong(self) -> float:
+        """See above."""
+        return max(abs(t - self.neutral) for t in self.tries)
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where an effect acts: a name of the model or of a group, and the indices behind it."""
+
+    name: str
+    targets: tuple[int, ...]
+
+
+@dataclass
+class Context:
+    """What effects may look at when they are laid out for a recording."""
+
+    plant: Plant
+    scales: Scales
+    groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The nominal model."""
+        return self.plant.model
+
+
+class Effect(ABC):
+    """An effect at a site. Subclass it, give it a name, say where it can act, and how it enters a variant."""
+
+    name: str
+    grows: ClassVar[bool] = False
+    """Whether ``apply`` looks at ``variant.moment``."""
+    special_case: ClassVar[str] = ""
+    """Name of the effect whose law this one's generalises, at the same site."""
+
+    def __init__(self, site: Site, parameters: Sequence[Parameter], form: str = "") -> None:
+        self.site, self.parameters, self.form = site, tuple(parameters), form
+
+    @property
+    def key(self) -> str:
+        """name@site, the public name of the effect."""
+        return f"{self.name}@{self.site.name}"
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        """Other names for the very same change."""
+        return ()
+
+    @classmethod
+    @abstractmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        """All places at which the effect can act in this model, laid out for this recording."""
+
+    @abstractmethod
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        """Enter the effect with the given parameter values into ``variant``, in place."""
+
+    def alternatives(self) -> Sequence[Effect]:
+        """The same with another law; tried where this one is among the best, from its values.
+
+        Further parameters come after those of this one.
+        """
+        return ()
+
+    def starts_from(self, special: Sequence[float]) -> list[tuple[float, ...]]:
+        """Parameter values to start from where the special case was fitted with the values ``special``."""
+        return []
+
+    def starts(self) -> list[tuple[float, ...]]:
+        """Parameter values to start from: each parameter's tries, the others at the middle of theirs."""
+        if len(self.parameters) == 1:
+            return [(t,) for t in self.parameters[0].tries]
+        middle = [p.tries[len(p.tries) // 2] for p in self.parameters]
+        return [(t, *middle[1:]) for t in self.parameters[0].tries]
+
+    def __repr__(self) -> str:
+        return self.key + (f" ({self.form})" if self.form else "")
+
+
+def named_sites(context: Context, kind: mujoco.mjtObj, indices: Iterable[int], together: bool = True) -> list[Site]:
+    """One site for each object, one for each group that holds several of them, and ``all``."""
+    names, chosen = model_names(context.model, kind), sorted(set(indices))
+    sites = [Site(names[i], (i,)) for i in chosen]
+    if together and len(chosen) > 1:
+        seen = {tuple(chosen)}
+        for group, members in group_names([names[i] for i in chosen], context.groups).items():
+            targets = tuple(i for i in chosen if names[i] in members)
+            if len(targets) > 1 and targets not in seen:
+                seen.add(targets)
+                sites.append(Site(group, targets))
+        sites.append(Site("all", tuple(chosen)))
+    return sites
+
+
+def group_names(names: Sequence[str], given: dict[str, tuple[str, ...]]) -> dict[str, set[str]]:
+    """Groups of names: those given, and those that share a word (front_left_knee: front, left, all_knees)."""
+    groups: dict[str, set[str]] = {g: set(names) & set(members) for g, members in given.items()}
+    words: dict[str, set[str]] = {}
+    for name in names:
+        for word in set(name.lower().replace("-", "_").replace("/", "_").split("_")):
+            if len(word) > 1 and not word.isdigit() and word not in ("joint", "servo", "motor", "link", "actuator"):
+                words.setdefault(word, set()).add(name)
+    sides = ("front", "rear", "hind", "left", "right", "fl", "fr", "rl", "rr")
+    for word, members in words.items():
+        if 1 < len(members) < len(names):
+            groups.setdefault(word if word in sides else f"all_{word}s", members)
+    return groups
+
+
+class AtJoints(Effect):
+    """An effect at joints. In a group of few, each has a value of its own, named after it; in a large one all share it.
+
+    Joints of one robot carry different torques: with one friction for all, the small joint's would be the large one's.
+    """
+
+    def starts(self) -> list[tuple[float, ...]]:
+        """All joints weak, all medium, all strong."""
+        return list(zip(*(p.tries for p in self.parameters), strict=True))
+
+
+def by_joint(context: Context, site: Site, make: Callable[[list[int]], Parameter]) -> list[Parameter]:
+    """Parameters of an `AtJoints`: one for all joints of a site, or one each where the robot has few of them.
+
+    ``make`` lays out the parameter of some joints.
+    """
+    if len(site.targets) < 2 or len(scalar_joints(context.model)) > FEW_JOINTS:
+        return [make(list(site.targets))]
+    names = model_names(context.model, mujoco.mjtObj.mjOBJ_JOINT)
+    made = [(names[j], make([j])) for j in site.targets]
+    count = min(len(p.tries) for _, p in made)
+    return [replace(p, name=f"{p.name}_{name}", tries=p.tries[:count]) for name, p in made]
+
+
+def scalar_joints(model: mujoco.MjModel) -> list[int]:
+    """Hinges and slides."""
+    return [j for j in range(model.njnt) if int(model.jnt_type[j]) in (_HINGE, _SLIDE)]
+
+
+def joint_units(model: mujoco.MjModel, joint: int) -> tuple[str, str]:
+    """(unit of position, unit of force) of a joint."""
+    return ("rad", "N m") if model.jnt_type[joint] == _HINGE else ("m", "N")
+
+
+def dof_of(model: mujoco.MjModel, joint: int) -> int:
+    """Address of a scalar joint's degree of freedom."""
+    return int(model.jnt_dofadr[joint])
+
+
+def amount(
+    name: str, unit: str, scale: float, tries: Sequence[float] = (0.1, 0.4, 1.5), low: float = 0.0, high: float = 20.0
+) -> Parameter:
+    """A parameter whose neutral value is 0; tries and bounds are given in units of ``scale``."""
+    return Parameter(name, unit, 0.0, low * scale, high * scale, tuple(t * scale for t in tries), scale)
+
+
+def ratio(
+    name: str = "factor", tries: Sequence[float] = (0.5, 0.75, 1.3, 1.8), low: float = 0.1, high: float = 5.0
+) -> Parameter:
+    """A dimensionless factor whose neutral value is 1."""
+    return Parameter(name, "1", 1.0, low, high, tuple(tries), 0.3)

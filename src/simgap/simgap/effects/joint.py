@@ -1,0 +1,132 @@
+"""Effects of compliant joints and their range."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import mujoco
+import numpy as np
+
+from simgap.effects.base import (
+    AtJoints,
+    Context,
+    Effect,
+    Parameter,
+    amount,
+    by_joint,
+    dof_of,
+    joint_units,
+    named_sites,
+    ratio,
+    scalar_joints,
+)
+from simgap.simulation.variant import Variant
+
+Obj = mujoco.mjtObj
+_HARD = 250.0, 1.0
+"""A stop is hard (how fast it rings [rad/s]; MuJoCo's default of 50 lets a small range pass), and does not bounce (its
+damping ratio)."""
+
+
+def _sprung(model: mujoco.MjModel) -> list[int]:
+    return [j for j in scalar_joints(model) if model.jnt_stiffness[j] > 0]
+
+
+class JointStiffness(AtJoints):
+    """The spring of a joint is softer (fatigue, another material) or stiffer; or cables, a skin or dirt add one.
+
+    What is added pulls to the joint's zero, wherever a spring that was there rests.
+    """
+
+    name = "joint_stiffness"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        model = context.model
+        for site in named_sites(context, Obj.mjOBJ_JOINT, _sprung(model)):
+            yield cls(site, [ratio(tries=(0.4, 0.7, 1.4, 2.0), low=0.02)], "factor")
+        for site in named_sites(context, Obj.mjOBJ_JOINT, scalar_joints(model)):
+            yield cls(site, by_joint(context, site, lambda joints: _added(context, joints)), "added")
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        targets = list(self.site.targets)
+        if self.form == "factor":
+            variant.model.jnt_stiffness[targets] *= values[0]
+            return
+        model, addresses = variant.model, variant.plant.model.jnt_qposadr[targets]
+        before = model.jnt_stiffness[targets]
+        after = before + np.asarray(values)
+        # Two springs are one that rests between them.
+        share = np.divide(before, after, out=np.ones_like(after), where=after > 0)
+        zero = variant.plant.model.qpos0[addresses]
+        model.jnt_stiffness[targets] = after
+        model.qpos_spring[addresses] = zero + share * (model.qpos_spring[addresses] - zero)
+
+
+def _added(context: Context, joints: Sequence[int]) -> Parameter:
+    """Of a spring where there is none."""
+    dofs = [dof_of(context.model, j) for j in joints]
+    swing = float(np.mean(context.scales.high[dofs] - context.scales.low[dofs])) or 1.0
+    angle, force = joint_units(context.model, joints[0])
+    size = 0.4 * float(max(context.scales.torque[dofs].mean(), 1e-9)) / swing
+    return amount("stiffness", f"{force}/{angle}", size)
+
+
+class JointRestAngle(Effect):
+    """The spring of a joint rests elsewhere (lost pretension, creep)."""
+
+    name = "joint_rest_angle"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        for site in named_sites(context, Obj.mjOBJ_JOINT, _sprung(context.model)):
+            unit = joint_units(context.model, site.targets[0])[0]
+            size = 0.1 if unit == "rad" else 0.005
+            yield cls(site, [amount("shift", unit, size, (-2.0, -0.5, 0.5, 2.0), low=-15.0, high=15.0)])
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        addresses = variant.plant.model.jnt_qposadr[list(self.site.targets)]
+        variant.model.qpos_spring[addresses] += values[0]
+
+
+class JointRange(Effect):
+    """A stop that the model does not have ends the joint's motion above or below."""
+
+    name = "joint_range"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        model = context.model
+        for site in named_sites(context, Obj.mjOBJ_JOINT, scalar_joints(model)):
+            dofs = [dof_of(model, j) for j in site.targets]
+            low, high = float(context.scales.low[dofs].min()), float(context.scales.high[dofs].max())
+            swing, unit = high - low, joint_units(model, site.targets[0])[0]
+            if swing <= 0:
+                continue
+            # A real stop shows as the end of what was measured, so that is where to start.
+            upper = Parameter(
+                "upper", unit, high + swing, high - 0.6 * swing, high + swing, (high, high - 0.1 * swing), 0.1 * swing
+            )
+            lower = Parameter(
+                "lower", unit, low - swing, low - swing, low + 0.6 * swing, (low, low + 0.1 * swing), 0.1 * swing
+            )
+            yield cls(site, [upper], "upper")
+            yield cls(site, [lower], "lower")
+
+    def alternatives(self) -> Sequence[Effect]:
+        """A stop that gives way, and gives back some of the speed."""
+        if len(self.parameters) > 1:
+            return ()
+        ringing = Parameter("frequency", "rad/s", _HARD[0], 40.0, _HARD[0], (100.0, 200.0), 40.0)
+        damping = Parameter("damping_ratio", "1", _HARD[1], 0.1, _HARD[1], (0.2, 0.6), 0.15)
+        return (type(self)(self.site, [*self.parameters, ringing, damping], f"{self.form}, soft"),)
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        model = variant.model
+        frequency, damping = values[1:] or _HARD
+        for j in self.site.targets:
+            low, high = model.jnt_range[j] if model.jnt_limited[j] else (-1e3, 1e3)
+            upper = self.parameters[0].name == "upper"
+            model.jnt_range[j] = [low, min(high, values[0])] if upper else [max(low, values[0]), high]
+            model.jnt_limited[j] = 1
+            model.jnt_solref[j] = 1.0 / (frequency * damping), damping

@@ -1,0 +1,252 @@
+"""Effects inside a servo: between the command and the torque at the joint."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import mujoco
+import numpy as np
+
+from simgap.data.channels import is_servo
+from simgap.data.plant import Plant
+from simgap.effects.base import Context, Effect, Parameter, Site, amount, named_sites, ratio
+from simgap.simulation.variant import Variant
+
+Obj = mujoco.mjtObj
+
+
+def commanded(plant: Plant, kinds: Sequence[str]) -> list[int]:
+    """Actuators that a recorded command of one of these kinds drives."""
+    return sorted({c.actuator for c in plant.inputs if c.actuator >= 0 and c.kind in kinds and not c.measured})
+
+
+def channels_of(plant: Plant, actuators: Sequence[int]) -> list[int]:
+    """Input channels of actuators."""
+    return [i for i, c in enumerate(plant.inputs) if c.actuator in actuators]
+
+
+def servo_unit(plant: Plant, actuator: int) -> str:
+    """Unit of a position servo's command."""
+    model = plant.model
+    if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
+        hinge = model.jnt_type[model.actuator_trnid[actuator, 0]] == mujoco.mjtJoint.mjJNT_HINGE
+        return "rad" if hinge else "m"
+    return "m"
+
+
+def servo_sites(context: Context, actuators: Sequence[int]) -> list[Site]:
+    """Sites whose actuators are told in the same unit: an angle and the length of a cable have no value in common."""
+    sites = named_sites(context, Obj.mjOBJ_ACTUATOR, actuators)
+    return [s for s in sites if len({servo_unit(context.plant, a) for a in s.targets}) == 1]
+
+
+def pulls_cable(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether an actuator only pulls, at a tendon."""
+    at_tendon = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_TENDON
+    return bool(at_tendon and model.actuator_forcelimited[actuator] and model.actuator_forcerange[actuator, 1] <= 0)
+
+
+def _rms(context: Context, actuators: Sequence[int]) -> float:
+    return float(np.mean(context.scales.input_rms[channels_of(context.plant, actuators)])) or 1.0
+
+
+class ServoDelay(Effect):
+    """The servo acts on its command late (processing, bus, filter), by a constant time."""
+
+    name = "servo_delay"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        for site in named_sites(
+            context, Obj.mjOBJ_ACTUATOR, commanded(context.plant, ("position", "velocity", "torque"))
+        ):
+            # A delay of everything is the link's.
+            if site.name != "all":
+                yield cls(site, [Parameter("delay", "s", 0.0, 0.0, 0.15, (0.006, 0.02, 0.05), 0.01)])
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        variant.inputs.delay[channels_of(variant.plant, self.site.targets)] += values[0]
+
+
+class ServoDeadBand(Effect):
+    """The servo does nothing while its error is smaller than the band; outside it answers in full or in part."""
+
+    name = "servo_dead_band"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        plain = [a for a in commanded(context.plant, ("position",)) if context.model.actuator_dyntype[a] == 0]
+        for site in servo_sites(context, plain):
+            unit, size = servo_unit(context.plant, site.targets[0]), _rms(context, site.targets)
+            for form in ("full", "part"):
+                yield cls(site, [amount("half_width", unit, 0.1 * size, (0.1, 0.4, 1.2), high=8.0)], form)
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        targets = list(self.site.targets)
+        variant.servos.dead_band[targets] += values[0]
+        variant.servos.hard[targets] = self.form == "full"
+
+
+class ServoBacklash(Effect):
+    """Play between motor and joint: a motor of its own that turns freely over the width, or late reversal."""
+
+    name = "servo_backlash"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        model = context.model
+        plain = [a for a in commanded(context.plant, ("position",)) if model.actuator_dyntype[a] == 0]
+        at_joint = [a for a in plain if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT]
+        for form, actuators in (("motor", at_joint), ("command", plain)):
+            for site in servo_sites(context, actuators):
+                unit, size = servo_unit(context.plant, site.targets[0]), _rms(context, site.targets)
+                yield cls(site, [amount("width", unit, 0.1 * size, (0.15, 0.5, 1.5), high=8.0)], form)
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        if self.form == "motor":
+            variant.servos.backlash[list(self.site.targets)] += values[0]
+        else:
+            variant.inputs.play[channels_of(variant.plant, self.site.targets)] += values[0]
+
+
+class ServoGain(Effect):
+    """The servo is stiffer or softer than modelled, its damping with it (strength) or not (stiffness); for a motor, its
+    torque constant is another.
+    """
+
+    name = "servo_gain"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        for site in named_sites(
+            context, Obj.mjOBJ_ACTUATOR, commanded(context.plant, ("position", "velocity", "torque"))
+        ):
+            damped = any(
+                is_servo(context.model, a, 1) and context.model.actuator_biasprm[a, 2] != 0 for a in site.targets
+            )
+            for form in ("strength", "stiffness") if damped else ("",):
+                yield cls(site, [ratio(tries=(0.5, 0.75, 1.3, 1.7))], form)
+        measured = [i for i, c in enumerate(context.plant.inputs) if c.measured or c.actuator < 0]
+        for i in measured:
+            yield cls(Site(_input_name(context.plant, i), (-1 - i,)), [ratio(tries=(0.7, 0.85, 1.15, 1.4))])
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        for target in self.site.targets:
+            if target < 0:
+                variant.inputs.scale[-1 - target] *= values[0]
+                continue
+            model = variant.model
+            model.actuator_gainprm[target, 0] *= values[0]
+            if is_servo(model, target, 1):
+                model.actuator_biasprm[target, 1] *= values[0]
+                if self.form == "strength":
+                    model.actuator_biasprm[target, 2] *= values[0]
+            elif is_servo(model, target, 2):
+                model.actuator_biasprm[target, 2] *= values[0]
+
+
+class ServoOffset(Effect):
+    """The servo's zero is elsewhere: it adds a constant to its command (or the measured torque has a bias).
+
+    Of a servo that pulls a cable this is `tendon_slack`.
+    """
+
+    name = "servo_offset"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        plant = context.plant
+        told = commanded(plant, ("position", "velocity", "torque"))
+        for site in servo_sites(context, [a for a in told if not pulls_cable(plant.model, a)]):
+            size = 0.1 * _rms(context, site.targets)
+            kind = plant.inputs[channels_of(plant, site.targets)[0]].kind
+            unit = servo_unit(plant, site.targets[0]) if kind == "position" else "1"
+            yield cls(site, [amount("offset", unit, size, (-1.5, -0.4, 0.4, 1.5), low=-20.0)])
+        for i, channel in enumerate(plant.inputs):
+            if channel.measured or channel.actuator < 0:
+                size = 0.1 * float(context.scales.input_rms[i]) or 1e-3
+                site = Site(_input_name(plant, i), (-1 - i,))
+                yield cls(site, [amount("offset", "N m", size, (-1.5, -0.4, 0.4, 1.5), low=-20.0)])
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        for target in self.site.targets:
+            channels = [-1 - target] if target < 0 else channels_of(variant.plant, [target])
+            variant.inputs.offset[channels] += values[0]
+
+
+class ServoRateLimit(Effect):
+    """The servo turns no faster than this, however fast its command moves."""
+
+    name = "servo_rate_limit"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        plant = context.plant
+        for site in servo_sites(context, commanded(plant, ("position",))):
+            rates = context.scales.input_rate[channels_of(plant, site.targets)].max(axis=0)
+            if rates[-1] <= 0:
+                continue
+            unit = servo_unit(plant, site.targets[0]) + "/s"
+            tries = tuple(float(r) for r in rates[::-1] if r > 0.02 * rates[-1])
+            yield cls(
+                site,
+                [Parameter("limit", unit, 3.0 * rates[-1], 0.02 * rates[-1], 3.0 * rates[-1], tries, 0.2 * rates[-1])],
+            )
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        if values[0] < self.parameters[0].neutral:
+            channels = channels_of(variant.plant, self.site.targets)
+            variant.inputs.rate_limit[channels] = np.minimum(variant.inputs.rate_limit[channels], values[0])
+
+
+class ServoTorqueLimit(Effect):
+    """The servo saturates: its torque is cut at a limit below the modelled one."""
+
+    name = "servo_torque_limit"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        for site in servo_sites(context, commanded(context.plant, ("position", "velocity", "torque"))):
+            levels = context.scales.force[list(site.targets)].max(axis=0)
+            if levels[-1] > 0:
+                # A servo that saturates lags, and the nominal one, held to its motion, then pulls far harder.
+                usual, top = float(levels[0]), 2.0 * float(levels[-1])
+                tries = (float(levels[-1]), usual, 0.5 * usual, 0.2 * usual)
+                yield cls(site, [Parameter("limit", "N m", top, 0.02 * usual, top, tries, 0.2 * levels[-1])])
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        model = variant.model
+        for a in self.site.targets:
+            low, high = model.actuator_forcerange[a] if model.actuator_forcelimited[a] else (-np.inf, np.inf)
+            model.actuator_forcerange[a] = [max(low, -values[0]), min(high, values[0])]
+            model.actuator_forcelimited[a] = 1
+
+
+class SupplySag(Effect):
+    """The supply gives way: all servos lose torque by 1 / (1 + sag * load), where load is their sum over the usual."""
+
+    name = "supply_sag"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        actuators = [a for a in commanded(context.plant, ("position",)) if context.model.actuator_dyntype[a] == 0]
+        if actuators:
+            effect = cls(
+                Site("all", tuple(actuators)), [Parameter("sag", "1", 0.0, 0.0, 5.0, (0.1, 0.3, 0.8, 2.0), 0.1)]
+            )
+            effect._reference = float(context.scales.force[actuators, -1].sum()) or 1.0
+            yield effect
+
+    _reference = 1.0
+    """Force of all servos together that counts as a load of 1."""
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        variant.servos.sag += values[0]
+        variant.servos.sag_reference = self._reference
+
+
+def _input_name(plant: Plant, i: int) -> str:
+    channel = plant.inputs[i]
+    if channel.actuator >= 0:
+        return str(plant.model.actuator(channel.actuator).name)
+    return str(plant.model.joint(int(plant.model.dof_jntid[channel.dof])).name)

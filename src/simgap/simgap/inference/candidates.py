@@ -1,0 +1,330 @@
+"""Fits of candidates: where they begin, in which forms they are tried, and to the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.effects.base import Effect
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.model_selection import EVIDENCE, FINALISTS, generalises
+from simgap.inference.scores import Scored, Scores
+from simgap.inference.screen import Screened, informative_windows, screen
+from simgap.inference.simplex_search import simplex_search
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Progress = Callable[[str, float], None]
+Start = tuple[Effect, Array, Array]
+"""An effect, its parameters' values, and those of all nuisances."""
+
+SURVIVORS = 10
+FIT_WINDOWS = 30
+"""Windows in which candidates are fitted; they are scored, and the leaders refitted, in all."""
+LARGER = (1.25, 1.6, 2.2)
+"""How many times as large an effect is tried before it is fitted, as the screening found it."""
+PARTNERS = 6
+HOPELESS, FAR = 20.0, 0.3
+"""Behind the best by more than so many nats, and by this share of what the best gains, a candidate is not refitted:
+fits with the nominal model's sensitivities are that rough."""
+FAVOURITES = 2
+"""First fits start where nominal numbers hide most of an effect; what the screening ranks so high is refitted."""
+LEADERS = 2
+"""Kinds of effects about which, beside the nominal model, errors of the windows' start are computed, at most."""
+SHAKEN = (0.75, 0.88, 0.95, 1.05, 1.14, 1.3)
+"""So many times as large an effect is tried once more where much is left: laws that switch (a play, a dead band) have
+optima beside the one that a fit ends in."""
+_SHAKEN_STARTS = 3
+"""Of these values so many are fitted."""
+_ANOTHER_NAME = 0.995
+"""Two effects whose sensitivities have this cosine are one change under two names."""
+_UNTOUCHED = 3
+"""Effects that are also tried beside untouched nominal numbers, where those are bent far."""
+MAX_EFFECTS = 3
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is looked at; a model whose steps cost more gets less."""
+
+    hopeful: int | None = 30
+    """Candidates that are screened thoroughly, after a glance at all; None: all of them."""
+    survivors: int = SURVIVORS
+    """Candidates that are fitted."""
+    finalists: int = FINALISTS
+    """Candidates that are refitted with sensitivities of their own."""
+    leaders: int = LEADERS
+    """Kinds of effects about which errors of the windows' start are computed."""
+    rounds: int = 3
+    """How often the winner is."""
+    partners: int = PARTNERS
+    """Candidates that are fitted as one effect more."""
+    max_effects: int = MAX_EFFECTS
+    sought: int = 200
+    """Replays in search of a law with more parameters."""
+
+
+def by_score(scored: Scored) -> float:
+    """To sort with; the best is first."""
+    return scored.score
+
+
+class Candidates:
+    """Fits effects, alone or beside others, on one recording."""
+
+    def __init__(
+        self, fitter: Fitter, effects: Sequence[Effect], scores: Scores, effort: Effort, progress: Progress | None
+    ) -> None:
+        self.fitter, self.effects, self.scores = fitter, list(effects), scores
+        self.effort, self._progress = effort, progress
+
+    def screened_about_nominal(self) -> list[Screened]:
+        """Screen about the untouched nominal model: the nuisances' best fit may have swallowed half of an effect."""
+        fitter = self.fitter
+        assert fitter.nominal is not None
+        kept, fitter.jacobian = fitter.jacobian, fitter.nominal_jacobian
+        screened = screen(
+            fitter,
+            fitter.nominal,
+            self.effects,
+            lambda share: self.say("screen", share),
+            self.effort.hopeful,
+        )
+        fitter.jacobian = kept
+        return screened
+
+    def fitted(self, starts: Sequence[Start], base: Scored) -> list[Scored]:
+        """Fits of ``base`` with one effect more, best first."""
+        assert self.fitter.nominal is not None
+        first = not base.fit.hypothesis.effects
+        without = self.fitter.nominal if first else base.fit
+        select = informative_windows(self.fitter, without, FIT_WINDOWS)
+
+        def begun(effect: Effect, x: Array, z: Array) -> Fit:
+            hypothesis = base.fit.hypothesis.with_effect(effect)
+            x, z = self._nearest(hypothesis, x, z, select) if first else (x, z)
+            return self.fitter.fit(hypothesis, np.concatenate([base.fit.x, x]), z, select=select)
+
+        fits = []
+        for i, start in enumerate(starts):
+            self.say("fit" if first else "fit partners", i / len(starts))
+            fits.append(begun(*start))
+        if first and all(f.cost > base.fit.cost - EVIDENCE for f in fits):
+            # They contain what they do not beat: perhaps they were begun too far from its nuisances.
+            fits += [begun(effect, x, base.fit.z) for effect, x, _ in starts]
+        fits = sorted({f.hypothesis.key: f for f in sorted(fits, key=lambda f: -f.cost)}.values(), key=lambda f: f.cost)
+        margin = max(HOPELESS, FAR * (without.cost - fits[0].cost)) if fits else HOPELESS
+        for i, fit in enumerate(fits):
+            # Whoever loses in sample by far need not be scored held out: in sample flatters.
+            if i < FINALISTS and fit.cost < fits[0].cost + margin:
+                self.fitter.cross_validate(fit)
+            else:
+                fit.held = np.where(
+                    self.fitter.windows.fold[:, None] >= 0, self.fitter.mean_square(fit.residual), np.nan
+                )
+        return sorted((self.scores.scored(f) for f in fits), key=by_score)
+
+    def _nearest(self, hypothesis: Hypothesis, x: Array, z: Array, select: Ints) -> tuple[Array, Array]:
+        """The best of the start, of the tries on its side, of values between them and of larger ones, by true replays.
+
+        A limit or a stop acts from some value on: from the far side of it, or from far, no slope leads there. Each is
+        also tried with untouched nuisances, which may have been bent to make up for a value that is far from right.
+        """
+        (effect,) = hypothesis.effects
+        if len(effect.parameters) != 1:
+            return x, z
+        parameter = effect.parameters[0]
+        away = x[0] - parameter.neutral
+        tries = sorted(t for t in parameter.tries if (t - parameter.neutral) * np.sign(away) > 0)
+        values = [x[0], *tries, *(a + k * (b - a) for a, b in pairwise(tries) for k in (1 / 3, 2 / 3))]
+        values += [v for v in parameter.neutral + away * np.array(LARGER) if parameter.low < v < parameter.high]
+        points = [(np.array([v]), z) for z in (z, np.zeros_like(z)) for v in values]
+        residuals = self.fitter.replay(hypothesis, points, select)
+        costs = self.fitter.data_cost(self.fitter.mean_square(residuals, select), select)
+        costs = costs + 0.5 * np.array([z @ z for _, z in points])
+        return points[int(np.argmin(costs))]
+
+    def finals(
+        self, singles: list[Scored], reference: Scored, favourites: Sequence[Screened]
+    ) -> tuple[list[Scored], Scored]:
+        """Refit the leaders with sensitivities of their own, the start of windows judged by the leader's model.
+
+        The ``favourites`` of the screening are refitted in any case.
+        """
+        fitter = self.fitter
+        if not singles:
+            return singles, reference
+        # Leaders of different kinds, so that no kind is judged by what another forgives.
+        kinds = {s.fit.hypothesis.effects[0].name: s.fit for s in reversed(singles[: self.effort.finalists])}
+        leaders = (
+            sorted(kinds.values(), key=lambda f: f.cost)[: self.effort.leaders]
+            if singles[0].score < reference.score
+            else []
+        )
+        models = [fitter.variant(f.hypothesis, f.x, f.z) for f in (reference.fit, *reversed(leaders))]
+        fitter.update_start(*models)
+        again = []
+        margin = self._hopeless(reference, singles[0])
+        hopeful = [s for s in singles[: self.effort.finalists] if s.score < singles[0].score + margin]
+        promising = [Hypothesis((f.effect,)).key for f in favourites]
+        hopeful += [s for s in singles if s.key in promising and s not in hopeful]
+        known = {s.key for s in hopeful}
+        hopeful += [f for s in hopeful[:FAVOURITES] for f in self._forms(s.fit) if f.key not in known]
+        for i, scored in enumerate([*hopeful, reference]):
+            self.say("finals", i / (len(hopeful) + 1))
+            fit = fitter.fit(scored.fit.hypothesis, scored.fit.x, scored.fit.z, iterations=1)
+            again.append(self.scores.scored(fitter.polish(fit)))
+        reference = again.pop()
+        fit = reference.fit
+        fitter.refresh(fit.hypothesis, fit.x, fit.z, fit.residual, fitter.moved(fit))
+        again.sort(key=by_score)
+        keys = {s.key for s in again}
+        return again + [s for s in singles if s.key not in keys], reference
+
+    def _forms(self, fit: Fit) -> list[Scored]:
+        """The same effects, one of them in another form or by a law that contains its own; fitted from the same values.
+
+        Such laws are close, and which is the robot's shows only when each is fitted to the end.
+        """
+        found: list[Scored | None] = []
+        effects = fit.hypothesis.effects
+        for i, effect in enumerate(effects):
+            names = [p.name for p in effect.parameters]
+            same = [o for o in self.effects if o.key == effect.key and [p.name for p in o.parameters] == names]
+            for other in [*(o for o in same if o.form != effect.form), *effect.alternatives()]:
+                changed, x = Hypothesis((*effects[:i], other, *effects[i + 1 :])), fit.x
+                if changed.size > len(x):
+                    x = simplex_search(self.fitter, changed, i, x, fit.z, self.effort.sought)
+                found.append(self.scores.scored(self.fitter.cross_validate(self.fitter.fit(changed, x, fit.z))))
+            found += [self._generalised(fit, i, law) for law in self.effects if generalises(law, effect)]
+        return [f for f in found if f is not None]
+
+    def _generalised(self, fit: Fit, which: int, law: Effect) -> Scored | None:
+        """A fit with a law instead of its special case, effect number ``which``; from the best of the law's starts."""
+        effects = fit.hypothesis.effects
+        first = Hypothesis(effects[:which]).size
+        own = fit.x[first : first + len(effects[which].parameters)]
+        starts = law.starts_from(own.tolist())
+        if not starts:
+            return None
+        made = [Hypothesis((*effects[:which], form, *effects[which + 1 :])) for form in (law, *law.alternatives())]
+        after = fit.x[first + len(own) :]
+        points = [(np.concatenate([fit.x[:first], start, after]), fit.z) for start in starts]
+        fits = []
+        for hypothesis in made:
+            squares = self.fitter.mean_square(self.fitter.replay(hypothesis, points))
+            x, z = points[int(np.argmin(self.fitter.data_cost(squares)))]
+            fits.append(self.fitter.fit(hypothesis, x, z))
+        return self.scores.scored(self.fitter.cross_validate(min(fits, key=lambda f: f.cost)))
+
+    @staticmethod
+    def _hopeless(without: Scored, best: Scored) -> float:
+        """How far [nats] behind the best of a round a candidate may be and still be refitted."""
+        return max(HOPELESS, FAR * (without.score - best.score))
+
+    def one_more(self, base: Scored, singles: Sequence[Scored], screened: Sequence[Screened]) -> list[Scored]:
+        """``base`` with each of the effects that promise most beside it, or with older ones swapped; best first.
+
+        ``singles`` were fitted alone, ``screened`` about the nominal model.
+        """
+        fitter = self.fitter
+        fitter.refresh(base.fit.hypothesis, base.fit.x, base.fit.z, base.fit.residual)
+        present = {e.key for e in base.fit.hypothesis.effects}
+        others = [e for e in self.effects if e.key not in present]
+        partners = screen(
+            fitter, base.fit, others, lambda share: self.say("screen partners", share), self.effort.hopeful
+        )[: self.effort.partners]
+        pairs = self.fitted([(s.effect, s.x, s.z) for s in partners], base)
+        if base.fit.strained:
+            again = sorted([*pairs, *self.beside_untouched(base.fit, singles)], key=by_score, reverse=True)
+            pairs = sorted({p.key: p for p in again}.values(), key=by_score)
+        if not pairs:
+            return []
+        pairs = self._swapped(pairs, screened)
+        margin = self._hopeless(base, pairs[0])
+        hopeful = [p for p in pairs[:2] if p.score < pairs[0].score + margin]
+        # Fits start where the older effect's nominal numbers are, and may stop short.
+        promising = {base.fit.hypothesis.with_effect(s.effect).key for s in partners[:FAVOURITES]}
+        hopeful += [p for p in pairs if p.key in promising and p not in hopeful]
+        polished = [self.scores.scored(fitter.polish(p.fit)) for p in hopeful]
+        polished += [self.scores.scored(fitter.polish(f.fit)) for f in self._forms(min(polished, key=by_score).fit)]
+        keys = {p.key for p in polished}
+        found = [*polished, *(p for p in pairs if p.key not in keys)]
+        return sorted((p for p in found if not self._says_again(p.fit)), key=by_score)
+
+    def _says_again(self, fit: Fit) -> bool:
+        """Whether the last effect of a fit changes just what an earlier one does: friction of a cable and of its joint.
+
+        Two of these fit a little better than one only because two constraints are stiffer.
+        """
+        last = len(fit.hypothesis.effects[-1].parameters)
+        root = np.sqrt(self.fitter.weights(self.fitter.mean_square(fit.residual)))[:, None, :]
+        rows = (fit.effect_jacobian * root).reshape(len(fit.x), -1)
+        rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
+        return bool((np.abs(rows[:-last] @ rows[-last:].T) > _ANOTHER_NAME).any())
+
+    def beside_untouched(self, base: Fit, singles: Sequence[Scored]) -> list[Scored]:
+        """Fits of one effect more that begin where it was alone, and nominal numbers untouched.
+
+        Those that are bent far may have swallowed it. Sensitivities are the nominal model's: by those about the other
+        effect, a play, fits had stopped short.
+        """
+        fitter, z = self.fitter, np.zeros_like(base.z)
+        kept, fitter.jacobian, found = fitter.jacobian, fitter.nominal_jacobian.copy(), []
+        present = {e.key for e in base.hypothesis.effects}
+        alone = [s.fit for s in singles if s.fit.hypothesis.effects[0].key not in present]
+        for i, single in enumerate(alone[:_UNTOUCHED]):
+            self.say("fit beside untouched", i / _UNTOUCHED)
+            hypothesis = base.hypothesis.with_effect(single.hypothesis.effects[0])
+            fit = fitter.fit(hypothesis, np.concatenate([base.x, single.x]), z)
+            found.append(self.scores.scored(fitter.cross_validate(fit)))
+        fitter.jacobian = kept
+        return found
+
+    def _swapped(self, pairs: list[Scored], screened: Sequence[Screened]) -> list[Scored]:
+        """Replace each older effect of the best pair by the candidates that screened best."""
+        lead = pairs[0].fit
+        present = {e.key for e in lead.hypothesis.effects}
+        spare = [s for s in screened[:PARTNERS] if s.effect.key not in present][:3]
+        extra = []
+        for position in range(len(lead.hypothesis.effects) - 1):
+            sizes = [len(e.parameters) for e in lead.hypothesis.effects]
+            parts = np.split(lead.x, np.cumsum(sizes)[:-1])
+            for s in spare:
+                effects, values = list(lead.hypothesis.effects), list(parts)
+                effects[position], values[position] = s.effect, s.x
+                fit = self.fitter.fit(Hypothesis(tuple(effects)), np.concatenate(values), lead.z)
+                extra.append(self.scores.scored(self.fitter.cross_validate(fit)))
+        return sorted([*pairs, *extra], key=by_score)
+
+    def to_the_end(self, scored: Scored) -> Scored:
+        """A winner fitted to the end."""
+        better = self.scores.scored(self.fitter.polish(scored.fit, rounds=self.effort.rounds))
+        return better if better.fit.cost <= scored.fit.cost else scored
+
+    def restarted(self, scored: Scored) -> Scored:
+        """A winner, begun anew from values about its own, one at a time, nominal numbers as they are or untouched."""
+        fitter, fit = self.fitter, scored.fit
+        away, low, high = (fit.hypothesis.vector(name) for name in ("neutral", "low", "high"))
+        points = []
+        for i, share in product(range(len(fit.x)), SHAKEN):
+            x = fit.x.copy()
+            x[i] = away[i] + share * (x[i] - away[i])
+            points += [(np.clip(x, low, high), z) for z in (fit.z, np.zeros_like(fit.z))]
+        costs = fitter.data_cost(fitter.mean_square(fitter.replay(fit.hypothesis, points)))
+        costs = costs + 0.5 * np.array([z @ z for _, z in points])
+        starts = np.argsort(costs)[:_SHAKEN_STARTS]
+        best = min((fitter.fit(fit.hypothesis, *points[i]) for i in starts), key=lambda f: f.cost)
+        if best.cost > fit.cost - EVIDENCE:
+            return scored
+        return self.to_the_end(self.scores.scored(fitter.cross_validate(best)))
+
+    def say(self, stage: str, share: float) -> None:
+        """Report progress: ``share`` of a stage is done."""
+        if self._progress:
+            self._progress(stage, share)

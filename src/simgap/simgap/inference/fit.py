@@ -1,0 +1,432 @@
+"""Fitting a hypothesis: its effects together with all nuisances under their priors.
+
+The data term is that of residuals whose size is unknown in every window but not below the noise floor: for each channel
+the sum over windows of n log sqrt(1 + s_w), with s_w the mean square of the whitened residual in window w and n the
+effective number of independent samples in one. It is scale-free (a channel whose noise floor is a thousandth of its gap
+does not drown the others), bounded below by the noise floor, and not decided by a few windows from which the robot
+would have fallen either way had it been started a little differently.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+from scipy.stats import truncnorm
+
+from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.nuisance import BOX, Nuisance, apply_nuisances
+from simgap.inference.residual import Residuals
+from simgap.simulation.contacts import colliding, soften_onset
+from simgap.simulation.variant import Variant
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_STEP = 0.02
+"""Finite-difference step of an effect's parameter, in its scale."""
+_NUISANCE_STEP = 0.02
+"""The same of a nuisance, in standard deviations of its prior. Small: an effect and its imitation differ by
+what a longer step bends."""
+_LOOSE = 1e-6
+"""Prior weight of an effect's parameter, in its scale: none to speak of."""
+_BOXED = float(truncnorm.var(-BOX, BOX))
+"""Variance of a nuisance that stays in its box, where its prior has 1."""
+_FOLD_TRIALS = (1.0, 0.3)
+_STRAINED = 1.0
+"""[nats] Nuisances that cost more than this may have swallowed a part of an effect."""
+_VALLEY = 0.05
+"""[nats] Polishing ends when a round gains less."""
+MANY, _MOVED = 24, 0.5
+"""Of more than so many nuisances, a second look is had at those that are this many standard deviations off."""
+_WORTH = 3.0
+"""[nats] Of more than MANY nuisances, one that moves the data by less than this when it is off by a whole standard
+deviation is left out: neither can it explain a gap, nor can this recording say what it is."""
+_ROUNDS, _SETTLED = 6, 2.0
+"""Of fitting nuisances, at most; and the gain [nats] of a round below which there is no other."""
+_TRIALS = (1.0, 0.4, 0.12)
+_STRETCHES = 6
+"""A parameter that grows takes so many values over a recording."""
+
+
+class Fitter:
+    """Fits hypotheses on one recording. Nuisance sensitivities are shared by all fits and refreshed on demand."""
+
+    def __init__(self, residuals: Residuals, nuisances: Sequence[Nuisance]) -> None:
+        self.residuals, self.nuisances = residuals, list(nuisances)
+        self.left_out: list[Nuisance] = []
+        self.windows = residuals.replayer.windows
+        self.base = Variant.nominal(residuals.replayer.plant)
+        self.count = np.maximum(residuals.mask.sum(axis=1), 1).astype(float)
+        self.recorded: NDArray[np.bool_] = np.asarray(residuals.mask.any(axis=1))
+        self.independent = np.full(residuals.mask.shape[2], 4.0)
+        self.jacobian = np.zeros((len(self.nuisances), *residuals.mask.shape), np.float32)
+        self.nominal: Fit | None = None
+        self._lands = bool(colliding(self.base.model)[0])
+        middles = (self.windows.start + 0.5 * self.windows.length) * residuals.replayer.aligned.period
+        count = min(_STRETCHES, len(middles))
+        self._stretch: Ints = (count * np.arange(len(middles), dtype=np.int64)) // len(middles)
+        self._moments = np.array([middles[self._stretch == s].mean() for s in range(count)])
+        self._moments = self._moments - 0.5 * (middles.min() + middles.max())
+
+    # -- model ---------------------------------------------------------------------------------------------------
+
+    def variant(self, hypothesis: Hypothesis, x: Array, z: Array, moment: float = 0.0) -> Variant:
+        """The model of a hypothesis at given parameters, ``moment`` [s] after the middle of the recording."""
+        made = self.base.copy()
+        made.moment = moment
+        apply_nuisances(self.nuisances, made, z)
+        position = 0
+        for effect in hypothesis.effects:
+            n = len(effect.parameters)
+            effect.apply(made, tuple(float(v) for v in x[position : position + n]))
+            position += n
+        return made
+
+    def replay(
+        self,
+        hypothesis: Hypothesis,
+        points: Sequence[tuple[Array, Array]],
+        select: Ints | None = None,
+        soft: bool = False,
+    ) -> Array:
+        """Residuals (n, nw, ns, nl) at points (x, z); ``soft``: where contacts set in softly."""
+        moments = [float(m) for m in self._moments] if hypothesis.grows else [0.0]
+        variants = [self.variant(hypothesis, x, z, moment) for x, z in points for moment in moments]
+        for variant in variants if soft else ():
+            soften_onset(variant.model)
+        if not hypothesis.grows:
+            return self.residuals.of(variants, select)
+        stretch = self._stretch if select is None else self._stretch[select]
+        which = len(self._moments) * np.arange(len(points))[:, None] + stretch
+        return self.residuals.of(variants, select, which)
+
+    def _changes(
+        self,
+        hypothesis: Hypothesis,
+        about: tuple[Array, Array],
+        points: Sequence[tuple[Array, Array]],
+        residual: Array,
+        select: Ints | None = None,
+    ) -> Array:
+        """What the residual, known at ``about``, changes on the way to points nearby, (n, nw, ns, nl)."""
+        if not self._lands:
+            return self.replay(hypothesis, points, select) - residual
+        base, *moved = self.replay(hypothesis, [about, *points], select, soft=True)
+        return np.array(moved) - base
+
+    # -- cost ----------------------------------------------------------------------------------------------------
+
+    def mean_square(self, residual: Array, select: Ints | None = None) -> Array:
+        """Mean square (..., nw, nl) of residuals (..., nw, ns, nl) over the recorded samples."""
+        count = self.count if select is None else self.count[select]
+        square: Array = (residual**2).sum(axis=-2) / count
+        return square
+
+    def data_cost(self, square: Array, select: Ints | None = None) -> Array:
+        """The data term (...) of mean squares (..., nw, nl)."""
+        recorded = self.recorded if select is None else self.recorded[select]
+        cost: Array = (0.5 * self.independent * np.where(recorded, np.log1p(square), 0.0)).sum(axis=(-2, -1))
+        return cost
+
+    def weights(self, square: Array, select: Ints | None = None) -> Array:
+        """Weight (nw, nl) of a squared sample, such that the weighted sum of squares has the data term's slope."""
+        recorded = self.recorded if select is None else self.recorded[select]
+        count = self.count if select is None else self.count[select]
+        weight: Array = np.where(recorded, self.independent / (count * (1.0 + square)), 0.0)
+        return weight
+
+    def estimate_independent(self, residual: Array) -> None:
+        """Set the effective number of independent samples in a window from a residual's autocorrelation."""
+        ns = residual.shape[1]
+        lags = np.arange(1, max(ns // 2, 2))
+        for c in range(residual.shape[2]):
+            r = residual[..., c] / (1e-12 + np.sqrt((residual[..., c] ** 2).mean(axis=1, keepdims=True)))
+            power = float((r * r).mean())
+            rho = np.array([float((r[:, :-k] * r[:, k:]).mean()) / max(power, 1e-12) for k in lags])
+            ends = np.flatnonzero(rho < 0.05)
+            total = rho[: ends[0]].sum() if len(ends) else rho.sum()
+            self.independent[c] = float(np.clip(ns / (1.0 + 2.0 * total), 2.0, 20.0))
+
+    # -- linear algebra ------------------------------------------------------------------------------------------
+
+    def solve(
+        self,
+        residual: Array,
+        effect_jacobian: Array,
+        z: Array,
+        low: Array,
+        high: Array,
+        select: Ints | None = None,
+        nuisance: Array | None = None,
+        box: float = BOX,
+    ) -> tuple[Array, Array, Array]:
+        """One bounded Gauss-Newton step (dx scaled, dz) about a residual; also the normal matrix.
+
+        ``low`` and ``high`` bound the scaled step of the effects; z stays in its box. ``nuisance`` are the
+        sensitivities in the selected windows, the fitter's own where not given.
+        """
+        if nuisance is None:
+            nuisance = self.jacobian if select is None else self.jacobian[:, select]
+        square = self.mean_square(residual, select)
+        root = np.sqrt(self.weights(square, select))[:, None, :]
+        ne, nn = len(effect_jacobian), len(nuisance)
+        stacked = _stack(effect_jacobian, nuisance) * np.broadcast_to(root, residual.shape).reshape(1, -1)
+        target = (residual * root).reshape(-1)
+        prior = np.diag(np.concatenate([np.full(ne, _LOOSE), np.ones(nn)]))
+        normal = stacked @ stacked.T + prior
+        slope = stacked @ target + np.concatenate([np.zeros(ne), z])
+        if ne + nn == 0:
+            return np.zeros(0), np.zeros(0), normal
+        lower = np.concatenate([low, -box - z]) - 1e-9
+        upper = np.concatenate([high, box - z]) + 1e-9
+        factor = np.linalg.cholesky(normal).T
+        step = lsq_linear(factor, -np.linalg.solve(factor.T, slope), (lower, upper), method="bvls").x
+        return step[:ne], step[ne:], normal
+
+    def update_start(self, *models: Variant) -> None:
+        """Judge the start of windows by other models.
+
+        Sensitivities that will not all be looked at again are whitened anew with the residuals.
+        """
+        many = len(self.nuisances) > MANY
+        plain = self.residuals.colour(self.jacobian.astype(float)) if many else None
+        self.residuals.update_start(*models)
+        if plain is not None:
+            self.jacobian = self.residuals.whiten(plain).astype(np.float32)
+
+    def refresh(
+        self, hypothesis: Hypothesis, x: Array, z: Array, residual: Array, which: NDArray[np.bool_] | None = None
+    ) -> None:
+        """Recompute the nuisance sensitivities (or those of ``which``) about a point whose residual is known."""
+        signs = np.where(z > 0, -1.0, 1.0)
+        rows = np.arange(len(z)) if which is None else np.flatnonzero(which)
+        for first in range(0, len(rows), 16):
+            part, points = rows[first : first + 16], []
+            for i in part:
+                moved = z.copy()
+                moved[i] += signs[i] * _NUISANCE_STEP
+                points.append((x, moved))
+            changes = self._changes(hypothesis, (x, z), points, residual)
+            self.jacobian[part] = changes / (signs[part, None, None, None] * _NUISANCE_STEP)
+
+    def moved(self, fit: Fit) -> NDArray[np.bool_] | None:
+        """Nuisances whose sensitivities a fit may have changed: of many those that it moved, else all (None)."""
+        return np.abs(fit.z) > _MOVED if len(fit.z) > MANY else None
+
+    def _leave_out(self) -> None:
+        """Leave out nuisances that hardly move the data, by their sensitivities about the nominal model."""
+        assert self.nominal is not None
+        if len(self.nuisances) <= MANY:
+            return
+        # As if no gap were left: beside an effect that explains it they count for more.
+        weight = self.weights(np.ones_like(self.mean_square(self.nominal.residual)))[:, None, :]
+        worth = 0.5 * np.array([float((row * row * weight).sum()) for row in self.jacobian])
+        kept = np.flatnonzero(worth > _WORTH)
+        self.left_out = [self.nuisances[i] for i in np.flatnonzero(worth <= _WORTH)]
+        self.nuisances = [self.nuisances[i] for i in kept]
+        self.jacobian, self.nominal.z = self.jacobian[kept], self.nominal.z[kept]
+
+    # -- fits ----------------------------------------------------------------------------------------------------
+
+    def fit_nuisances(self) -> Fit:
+        """The nominal model with its nuisances: the reference of everything.
+
+        Of models that the recording moves far, sensitivities about the nominal numbers say little; they are taken anew
+        until that gains nothing more.
+        """
+        empty, none = Hypothesis(), np.zeros(0)
+        z = np.zeros(len(self.nuisances))
+        residual = self.replay(empty, [(none, z)])[0]
+        self.estimate_independent(residual)
+        fit = Fit(empty, none, z, self._cost(residual, z), residual, np.zeros((0, *residual.shape)))
+        self.nominal = fit
+        for round_ in range(_ROUNDS if len(z) <= MANY else 1):
+            self.refresh(empty, none, fit.z, fit.residual, self.moved(fit) if round_ else None)
+            if round_ == 0:
+                self._leave_out()
+                self.nominal_jacobian = self.jacobian.copy()
+            before, fit = fit.cost, self.fit(empty, none, fit.z, iterations=4, known=fit.residual)
+            if before - fit.cost < _SETTLED and round_ > 0:
+                break
+        self.refresh(empty, none, fit.z, fit.residual, self.moved(fit))
+        self.estimate_independent(fit.residual)
+        return self.fit(empty, none, fit.z, iterations=2, known=fit.residual)
+
+    def polish(self, fit: Fit, rounds: int = 1) -> Fit:
+        """Fit on with nuisance sensitivities computed at the fit itself; those of the fitter stay as they are.
+
+        An effect and the nuisances that can imitate it form a long narrow valley; more rounds follow it further.
+        """
+        kept = self.jacobian.copy()
+        strained = fit.prior > _STRAINED
+        for _ in range(rounds):
+            self.refresh(fit.hypothesis, fit.x, fit.z, fit.residual, self.moved(fit))
+            better = self.fit(fit.hypothesis, fit.x, fit.z, 4, fit.residual)
+            if strained:
+                # From the other end of the valley: nuisances at rest, the effect as large as it is.
+                rested = self.fit(fit.hypothesis, fit.x, np.zeros_like(fit.z), 4)
+                better, strained = min(better, rested, key=lambda f: f.cost), False
+            gain, fit = fit.cost - better.cost, better
+            if gain < _VALLEY:
+                break
+        fit = self.cross_validate(fit)
+        self.jacobian = kept
+        return fit
+
+    def fit(
+        self,
+        hypothesis: Hypothesis,
+        x: Array,
+        z: Array,
+        iterations: int = 5,
+        known: Array | None = None,
+        select: Ints | None = None,
+        box: float = BOX,
+    ) -> Fit:
+        """Gauss-Newton with line search from (x, z) on all (or selected) windows; the fit is evaluated on all of them.
+
+        ``known`` is the residual at (x, z), where it has been computed.
+        """
+        scale, low, high = hypothesis.vector("scale"), hypothesis.vector("low"), hypothesis.vector("high")
+        neutral = hypothesis.vector("neutral")
+        x, z = np.clip(x, low, high), z.copy()
+        residual = self.replay(hypothesis, [(x, z)], select)[0] if known is None else known
+        cost = self._cost(residual, z, select)
+        jacobian = np.zeros((len(x), *residual.shape))
+        fresh, shared = False, self.jacobian
+        if select is not None:
+            self.jacobian = self.jacobian[:, select]
+        for _ in range(iterations):
+            jacobian, fresh = self.sensitivities(hypothesis, x, z, residual, select), True
+            reach = 3.0 + np.abs(x - neutral) / np.maximum(scale, 1e-300)
+            bounds = np.maximum((low - x) / scale, -reach), np.minimum((high - x) / scale, reach)
+            dx, dz, _ = self.solve(residual, jacobian, z, *bounds, select, self.jacobian, box)
+            for t in _TRIALS:
+                point = np.clip(x + t * dx * scale, low, high), np.clip(z + t * dz, -box, box)
+                tried = self.replay(hypothesis, [point], select)[0]
+                new_cost = self._cost(tried, point[1], select)
+                if new_cost < cost:
+                    break
+            else:
+                break
+            gain, cost = cost - new_cost, new_cost
+            moved_x, moved_z = (point[0] - x) / np.maximum(scale, 1e-300), point[1] - z
+            missed = tried - residual - np.tensordot(moved_x, jacobian, 1) - np.tensordot(moved_z, self.jacobian, 1)
+            length = float(moved_x @ moved_x + moved_z @ moved_z)
+            if length > 0:
+                # Broyden: what the step taught about the sensitivities is kept for this fit.
+                update = (moved_z / length).astype(np.float32)[:, None, None, None] * missed.astype(np.float32)
+                self.jacobian = self.jacobian + update
+            (x, z), residual, fresh = point, tried, False
+            if gain < 0.2:
+                break
+        self.jacobian = shared
+        if select is not None:
+            residual, fresh = self.replay(hypothesis, [(x, z)])[0], False
+            cost = self._cost(residual, z)
+        if len(x) and not fresh:
+            jacobian = self.sensitivities(hypothesis, x, z, residual)
+        return Fit(hypothesis, x, z, cost, residual, jacobian)
+
+    def cross_validate(self, fit: Fit) -> Fit:
+        """Score every held-out window with a fit that has not seen its fold; adds held, fold_x and covariance.
+
+        Each fold's fit is one Gauss-Newton step from the common one, taken as far as the windows outside the fold like.
+        """
+        hypothesis, fold = fit.hypothesis, self.windows.fold
+        scale, low, high = hypothesis.vector("scale"), hypothesis.vector("low"), hypothesis.vector("high")
+        bounds = np.maximum((low - fit.x) / scale, -2.0), np.minimum((high - fit.x) / scale, 2.0)
+        # What is left of the common fit's own step is not the fold's doing.
+        rest_x, rest_z, _ = self.solve(fit.residual, fit.effect_jacobian, fit.z, *bounds)
+        trials: list[list[tuple[Array, Array]]] = []
+        for f in range(self.windows.folds):
+            train = np.flatnonzero(fold != f)
+            dx, dz, _ = self.solve(fit.residual[train], fit.effect_jacobian[:, train], fit.z, *bounds, train)
+            dx, dz = (dx - rest_x) * scale, dz - rest_z
+            trials.append(
+                [(np.clip(fit.x + t * dx, low, high), np.clip(fit.z + t * dz, -BOX, BOX)) for t in _FOLD_TRIALS]
+            )
+        squares = self.mean_square(self.replay(hypothesis, [p for t in trials for p in t]))
+        common = self.mean_square(fit.residual)
+        fit.held = np.full(common.shape, np.nan)
+        points = []
+        for f, options in enumerate(trials):
+            train, test = np.flatnonzero(fold != f), np.flatnonzero(fold == f)
+            own = [*squares[f * len(_FOLD_TRIALS) : (f + 1) * len(_FOLD_TRIALS)], common]
+            tried = [*options, (fit.x, fit.z)]
+            costs = [
+                float(self.data_cost(square[train], train)) + 0.5 * float(z @ z)
+                for square, (_, z) in zip(own, tried, strict=True)
+            ]
+            best = int(np.argmin(costs))
+            fit.held[test] = own[best][test]
+            points.append(tried[best])
+        fit.fold_x = np.array([x for x, _ in points]).reshape(len(points), len(fit.x))
+        fit.fold_z = np.array([z for _, z in points]).reshape(len(points), len(fit.z))
+        fit.covariance = self.covariance(fit)
+        return fit
+
+    def covariance(self, fit: Fit, thorough: bool = False) -> Array:
+        """Covariance (nx, nx) of the effects' parameters about the truth, with nuisances drawn from their prior.
+
+        The sandwich A^-1 B A^-1: A is the normal matrix of the data term and the prior, B the covariance of its slope.
+        The two differ, for the data term gives a window's samples the variance 1 + s, its size being unknown, where
+        they have s (mean squares in noise floors), and the fit's prior is not cut off at its box, the nuisances are.
+        ``thorough``: what was left out, as the nominal model hardly moves by it, may be off as well, and beside the
+        effect it may count: the friction of a ground on which only a foot that slips depends.
+        """
+        ne, nn = len(fit.x), len(fit.z)
+        scale = fit.hypothesis.vector("scale")
+        square = self.mean_square(fit.residual)
+        shape = fit.residual.shape
+        weight = np.broadcast_to(self.weights(square)[:, None, :], shape).reshape(-1)
+        share = np.broadcast_to((square / (1.0 + square))[:, None, :], shape).reshape(-1)
+        stacked = _stack(fit.effect_jacobian, self.jacobian) * np.sqrt(weight)
+        bread = np.linalg.inv(stacked @ stacked.T + np.diag(np.r_[np.full(ne, _LOOSE), np.ones(nn)]))
+        slope = (stacked * share) @ stacked.T + np.diag(np.r_[np.zeros(ne), np.full(nn, _BOXED)])
+        if thorough and self.left_out:
+            others = self._left_out_jacobian(fit).reshape(len(self.left_out), -1) * np.sqrt(weight)
+            pull = stacked @ others.T
+            slope += _BOXED * pull @ pull.T
+        found: Array = (bread @ slope @ bread)[:ne, :ne] * np.outer(scale, scale)
+        return found
+
+    def _left_out_jacobian(self, fit: Fit) -> Array:
+        """Sensitivities (n, nw, ns, nl) to the nuisances that are left out, about a fit."""
+        kept, jacobian = self.nuisances, self.jacobian
+        which = np.arange(len(kept) + len(self.left_out)) >= len(kept)
+        try:
+            self.nuisances = [*kept, *self.left_out]
+            self.jacobian = np.zeros((len(which), *fit.residual.shape), np.float32)
+            z = np.concatenate([fit.z, np.zeros(len(self.left_out))])
+            self.refresh(fit.hypothesis, fit.x, z, fit.residual, which)
+            return self.jacobian[which].astype(float)
+        finally:
+            self.nuisances, self.jacobian = kept, jacobian
+
+    def sensitivities(
+        self, hypothesis: Hypothesis, x: Array, z: Array, residual: Array, select: Ints | None = None
+    ) -> Array:
+        """Change of the residual, known at (x, z), by scaled parameter of the effects, (ne, nw, ns, nl)."""
+        if not len(x):
+            return np.zeros((0, *residual.shape))
+        scale, high = hypothesis.vector("scale"), hypothesis.vector("high")
+        points, steps = [], np.where(x + _STEP * scale <= high, _STEP, -_STEP)
+        for i, s in enumerate(steps):
+            moved = x.copy()
+            moved[i] += s * scale[i]
+            points.append((moved, z))
+        return self._changes(hypothesis, (x, z), points, residual, select) / steps[:, None, None, None]
+
+    def _cost(self, residual: Array, z: Array, select: Ints | None = None) -> float:
+        return float(self.data_cost(self.mean_square(residual, select), select)) + 0.5 * float(z @ z)
+
+
+def _stack(effects: Array, nuisances: Array) -> Array:
+    """Sensitivities (ne + nn, samples) to effects and nuisances, one row each."""
+    both = np.concatenate([effects, nuisances])
+    return both.reshape(len(both), math.prod(both.shape[1:]))

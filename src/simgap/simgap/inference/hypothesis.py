@@ -1,0 +1,89 @@
+"""A hypothesis, which effects act together, and what fitting one gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.effects.base import Effect
+from simgap.inference.nuisance import BOX
+
+Array = NDArray[np.float64]
+
+_SEVERAL = 2
+"""One nominal number may be as far off as its prior lets it; of several, another effect may hide in them."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of effects that act together; none of them is the nominal model with its nuisances."""
+
+    effects: tuple[Effect, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """Names of the effects."""
+        return " + ".join(sorted(repr(e) for e in self.effects)) or "nuisances only"
+
+    @property
+    def size(self) -> int:
+        """Number of parameters of the effects."""
+        return sum(len(e.parameters) for e in self.effects)
+
+    @property
+    def grows(self) -> bool:
+        """Whether the model changes over the recording."""
+        return any(e.grows for e in self.effects)
+
+    def vector(self, attribute: str) -> Array:
+        """An attribute of all parameters in order."""
+        return np.array([getattr(p, attribute) for e in self.effects for p in e.parameters], float)
+
+    def with_effect(self, effect: Effect) -> Hypothesis:
+        """With one effect more."""
+        return Hypothesis((*self.effects, effect))
+
+
+@dataclass
+class Fit:
+    """A fitted hypothesis.
+
+    Attributes:
+        x: values of the effects' parameters.
+        z: nuisances [standard deviations of their priors].
+        cost: data term plus prior term over the fitted windows.
+        residual: (nw, ns, nl) at (x, z).
+        effect_jacobian: (ne, nw, ns, nl) by scaled parameter.
+        held: (nw, nl) mean squares of each window under the fit that has not seen its fold; NaN where never held out.
+        fold_x, fold_z: (nf, ne) and (nf, nz) values of each fold's fit.
+        covariance: of x.
+        likelihood: (nw,) held-out cost [nats] of every window, of an effect that predicts its own scatter.
+        hidden: of such an effect, what the data would gain if nominal numbers might be off twice as far, as a share of
+            what the effect gains.
+    """
+
+    hypothesis: Hypothesis
+    x: Array
+    z: Array
+    cost: float
+    residual: Array
+    effect_jacobian: Array
+    held: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    fold_x: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    fold_z: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    likelihood: Array | None = None
+    hidden: float = 0.0
+
+    @property
+    def prior(self) -> float:
+        """Cost of the nuisances."""
+        return 0.5 * float(self.z @ self.z)
+
+    @property
+    def strained(self) -> list[int]:
+        """Nuisances at the end of their box; empty for fewer than two."""
+        found = np.flatnonzero(np.abs(self.z) > 0.999 * BOX).tolist()
+        return found if len(found) >= _SEVERAL else []

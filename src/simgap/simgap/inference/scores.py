@@ -1,0 +1,125 @@
+"""How good a fit is: held-out costs, gaps, and their block bootstrap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Fit
+
+Array = NDArray[np.float64]
+
+BOOTSTRAPS = 400
+DIFFERENT, _FEW = 0.5, 2
+"""[nats] by which two hypotheses differ in a block, at least; blocks that are needed for an interval."""
+PER_PARAMETER = 1.0
+"""Price of a parameter [nats], beyond what held-out scoring takes by itself."""
+
+
+@dataclass(eq=False)
+class Scored:
+    """A fit with its held-out score; smaller is better."""
+
+    fit: Fit
+    score: float
+    gap: float
+
+    @property
+    def key(self) -> str:
+        """Names of its effects."""
+        return self.fit.hypothesis.key
+
+
+class Scores:
+    """Scores fits on one recording; every bootstrap sample draws blocks of windows."""
+
+    def __init__(self, fitter: Fitter, seed: int = 0) -> None:
+        self._fitter, self._seed = fitter, seed
+        windows = fitter.windows
+        scored = np.flatnonzero(windows.fold >= 0)
+        blocks = np.unique(windows.block[scored])
+        rng = np.random.default_rng(seed)
+        draws = rng.integers(0, len(blocks), (BOOTSTRAPS, len(blocks)))
+        times = np.stack([np.bincount(d, minlength=len(blocks)) for d in draws])
+        # How often each window counts in each bootstrap sample, (BOOTSTRAPS + 1, nw); the first row is the data itself.
+        self.draws: Array = np.zeros((BOOTSTRAPS + 1, len(windows)))
+        self.draws[0, scored] = 1.0
+        self.draws[1:, scored] = times[:, np.searchsorted(blocks, windows.block[scored])]
+
+    def costs(self, fit: Fit) -> Array:
+        """Total score of a fit in each bootstrap sample, (BOOTSTRAPS + 1,)."""
+        square = np.nan_to_num(fit.held)
+        weight = self.draws[:, :, None] * self._fitter.recorded[None]
+        total = np.maximum(weight.sum(axis=1), 1.0)
+        mean = (weight * np.log1p(square)[None]).sum(axis=1) / total
+        n = self._fitter.independent * self._fitter.recorded[self.draws[0] > 0].sum(axis=0)
+        data = 0.5 * (n * mean).sum(axis=1)
+        result: Array = data + fit.prior + PER_PARAMETER * fit.hypothesis.size
+        return result
+
+    def gaps(self, square: Array) -> Array:
+        """Gap (root mean square of normalised residuals over channels) in each bootstrap sample, from (nw, nl)."""
+        weight = self.draws[:, :, None] * self._fitter.recorded[None]
+        mean = (weight * np.nan_to_num(square)[None]).sum(axis=1) / np.maximum(weight.sum(axis=1), 1.0)
+        result: Array = np.sqrt(mean.mean(axis=1))
+        return result
+
+    def typical(self, square: Array) -> float:
+        """Gap of a typical window, from (nw, nl): the geometric mean over them, which few wild ones do not move."""
+        return float(np.sqrt(np.expm1(self._levels(square)).mean()))
+
+    def overall(self, square: Array) -> float:
+        """Gap of a typical window in a typical channel, from (nw, nl): the geometric mean over both, as scores have it.
+
+        One channel that is far off does not drown the others.
+        """
+        return float(np.sqrt(np.expm1(self._levels(square).mean())))
+
+    def worst_channel(self, square: Array) -> float:
+        """Gap of the channel that is furthest off, over held-out windows, from (nw, nl)."""
+        weight = self.draws[0][:, None] * self._fitter.recorded
+        mean = (weight * np.nan_to_num(square)).sum(axis=0) / np.maximum(weight.sum(axis=0), 1.0)
+        return float(np.sqrt(mean.max()))
+
+    def _levels(self, square: Array) -> Array:
+        """Mean logarithm (nl,) of one and the mean squares (nw, nl) of held-out windows."""
+        weight = self.draws[0][:, None] * self._fitter.recorded
+        mean: Array = (weight * np.log1p(np.nan_to_num(square))).sum(axis=0) / np.maximum(weight.sum(axis=0), 1.0)
+        return mean
+
+    def scored(self, fit: Fit) -> Scored:
+        """Score a cross-validated fit."""
+        return Scored(fit, float(self.costs(fit)[0]), float(self.gaps(fit.held)[0]))
+
+    def difference(self, worse: Fit, better: Fit) -> tuple[float, float, float]:
+        """(mean, 5 %, 95 %) of the score that ``better`` gains over ``worse`` [nats], paired by block."""
+        if worse.likelihood is not None and better.likelihood is not None:
+            return self.gain(worse.likelihood, better.likelihood)
+        recorded = self._fitter.recorded * self.draws[0][:, None]
+        weight = 0.5 * self._fitter.independent * recorded
+        change = np.log1p(np.nan_to_num(worse.held)) - np.log1p(np.nan_to_num(better.held))
+        price = PER_PARAMETER * (better.hypothesis.size - worse.hypothesis.size)
+        return self.gain((weight * change).sum(axis=1), np.zeros(len(change)), worse.prior - better.prior - price)
+
+    def gain(self, worse: Array, better: Array, beside: float = 0.0) -> tuple[float, float, float]:
+        """(mean, 5 %, 95 %) of the difference of costs (nw,) of windows, and what is gained ``beside`` it.
+
+        Blocks are drawn of those in which the two differ, for a stop or a limit that is seldom met says nothing
+        elsewhere; windows, where that is a single block. A single window shows nothing: it might be any accident.
+        """
+        gains = (worse - better) * self.draws[0]
+        blocks = self._fitter.windows.block
+        units = np.bincount(blocks, gains)
+        if (np.abs(units) > DIFFERENT).sum() < _FEW:
+            units = gains
+        units = units[np.abs(units) > DIFFERENT]
+        total = float(gains.sum()) + beside
+        if len(units) < _FEW:
+            return total, min(total, 0.0), total
+        rng = np.random.default_rng(self._seed)
+        sums = units[rng.integers(0, len(units), (BOOTSTRAPS, len(units)))].sum(axis=1)
+        low, high = np.percentile(total + sums - units.sum(), [5, 95])
+        return total, float(low), float(high)

@@ -1,0 +1,255 @@
+"""Which hypothesis: a competition on held-out scores, forward selection with swaps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.effects.base import Effect
+from simgap.effects.growing import MIN_DURATION, Growing
+from simgap.inference.candidates import FAVOURITES, Candidates, Effort, Progress, by_score
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Hypothesis
+from simgap.inference.model_selection import (
+    EVIDENCE,
+    EVIDENCE_MORE,
+    FINALISTS,
+    UNEXPLAINED,
+    earns,
+    indistinct,
+    places,
+    simplest,
+    stands_out,
+)
+from simgap.inference.nuisance import BOX
+from simgap.inference.scores import Scored, Scores
+from simgap.inference.screen import Screened
+
+Array = NDArray[np.float64]
+
+ENOUGH = 1.2
+"""[noise floors] With no more left than that in a typical window, and no nominal number at the end of its box, no
+further effect is looked for."""
+
+REPEATED = 1.0
+"""[noise floors] With no more left than that in any channel, nominal numbers predict the robot as well as repeating the
+experiment does, and no effect is looked for: what is finer than the noise shows in how it was estimated."""
+
+
+@dataclass
+class Selection:
+    """What the competition found.
+
+    Attributes:
+        reference: nuisances only.
+        nominal_gap: held-out gap of the nominal model as it is.
+        best: the winner, which is the reference where no effect earns its place.
+        singles, rivals: scored fits, best first; rivals are those of the winner's size.
+        gains: (mean, 5 %, 95 %) of the score that each accepted effect earned when it was added.
+        unrivalled: further effects that took far more than any other would have in their place.
+    """
+
+    reference: Scored
+    nominal_gap: float
+    best: Scored
+    singles: list[Scored] = field(default_factory=list)
+    rivals: list[Scored] = field(default_factory=list)
+    gains: list[tuple[float, float, float]] = field(default_factory=list)
+    screened: list[Screened] = field(default_factory=list)
+    unrivalled: set[str] = field(default_factory=set)
+
+
+class Selector:
+    """Runs the competition on one recording."""
+
+    def __init__(
+        self,
+        fitter: Fitter,
+        effects: Sequence[Effect],
+        seed: int = 0,
+        progress: Progress | None = None,
+        effort: Effort | None = None,
+    ) -> None:
+        self._effort = effort or Effort()
+        self.fitter, self.effects, self.scores = fitter, list(effects), Scores(fitter, seed)
+        self.candidates = Candidates(fitter, self.effects, self.scores, self._effort, progress)
+        self._sites = places(self.effects)
+
+    def hidden(self, selection: Selection) -> float:
+        """What the data would gain if nominal numbers might be off twice as far, as a share of what the effect gains.
+
+        Their priors stay.
+        """
+        fit = selection.best.fit
+        if fit.likelihood is not None:
+            return fit.hidden
+        wider = self.fitter.fit(fit.hypothesis, fit.x, fit.z, 4, fit.residual, box=2.0 * BOX)
+        return (fit.cost - wider.cost) / max(selection.gains[-1][0], 1e-9)
+
+    def run(self) -> Selection:
+        """The whole competition."""
+        fitter = self.fitter
+        self.candidates.say("nuisances", 0.0)
+        reference = self.scores.scored(fitter.cross_validate(fitter.fit_nuisances()))
+        assert fitter.nominal is not None
+        screened = self.candidates.screened_about_nominal()
+        singles = self.candidates.fitted([(s.effect, s.x, s.z) for s in screened[: self._effort.survivors]], reference)
+        singles, reference = self.candidates.finals(singles, reference, screened[:FAVOURITES])
+        nominal_square = fitter.mean_square(
+            fitter.replay(Hypothesis(), [(np.zeros(0), np.zeros(len(fitter.nuisances)))])[0]
+        )
+        result = Selection(reference, float(self.scores.gaps(nominal_square)[0]), reference, singles, [], [], screened)
+        self.nominal_square = nominal_square
+        winner = simplest(self.scores, singles, reference, self._sites)
+        if self.scores.worst_channel(reference.fit.held) <= REPEATED:
+            return result
+        if winner is not None and earns(self.scores, reference, winner, len(self.effects)):
+            singles, winner = self._followed(singles, winner, reference)
+            winner = self._restarted(winner)
+            result = self._forward(result, singles, winner, screened)
+            if self.scores.typical(result.best.fit.held) > ENOUGH:
+                result = self._begun_elsewhere(result, screened)
+        else:
+            if self.scores.worst_channel(reference.fit.held) > UNEXPLAINED:
+                # Beside numbers that fit other effects show than about the nominal ones.
+                self.add(result, screened)
+            if result.best is reference and self.scores.typical(reference.fit.held) > UNEXPLAINED:
+                result = self._only_together(result, screened)
+        if result.best is reference:
+            return result
+        self._settle(result)
+        self._grow(result)
+        return result
+
+    def _forward(
+        self, result: Selection, singles: list[Scored], first: Scored, screened: Sequence[Screened]
+    ) -> Selection:
+        """One effect after the other, beginning with ``first``, as long as that is worth it."""
+        gain = self.scores.difference(result.reference.fit, first.fit)
+        found = replace(result, best=first, singles=singles, rivals=singles, gains=[gain], unrivalled=set())
+        while len(found.best.fit.hypothesis.effects) < self._effort.max_effects:
+            enough = self.scores.typical(found.best.fit.held) < ENOUGH and not found.best.fit.strained
+            if enough or not self.add(found, screened):
+                break
+        self._drop(found)
+        return found
+
+    def _restarted(self, scored: Scored) -> Scored:
+        """A winner that leaves much, begun anew from values about its own."""
+        return self.candidates.restarted(scored) if self.scores.typical(scored.fit.held) > ENOUGH else scored
+
+    def _begun_elsewhere(self, result: Selection, screened: Sequence[Screened]) -> Selection:
+        """The same with another first effect, where much is left: the first may only have imitated two others.
+
+        Begun with each of the later ones, which were found beside it.
+        """
+        full, found = result.best.fit, result
+        sizes = np.cumsum([0, *(len(e.parameters) for e in full.hypothesis.effects)])
+        for i, effect in enumerate(full.hypothesis.effects[1:], 1):
+            own = full.x[sizes[i] : sizes[i + 1]]
+            alone = self.fitter.fit(Hypothesis((effect,)), own, np.zeros_like(full.z))
+            first = self.scores.scored(self.fitter.polish(alone))
+            if not earns(self.scores, result.reference, first, len(self.effects)):
+                continue
+            other = self._forward(result, result.singles, first, screened)
+            more = len(other.best.fit.hypothesis.effects) > len(found.best.fit.hypothesis.effects)
+            better = other.best.score < found.best.score - (EVIDENCE_MORE if more else EVIDENCE)
+            found, left = (other, found) if better else (found, other)
+            if len(left.best.fit.hypothesis.effects) == len(found.best.fit.hypothesis.effects):
+                known = {r.key for r in found.rivals}
+                found.rivals = sorted([*found.rivals, *(r for r in left.rivals if r.key not in known)], key=by_score)
+        return found
+
+    def _only_together(self, result: Selection, screened: Sequence[Screened]) -> Selection:
+        """Effects of which none earns its place alone, where much is left: each may show only beside the other."""
+        found = result
+        kinds = {s.fit.hypothesis.effects[0].name: s for s in reversed(result.singles)}
+        for first in sorted(kinds.values(), key=by_score)[:FAVOURITES]:
+            other = self._forward(result, result.singles, first, screened)
+            several = len(other.best.fit.hypothesis.effects)
+            better = several > 1 and other.best.score < found.best.score
+            # So many sets of so many effects could have been found.
+            if better and earns(self.scores, result.reference, other.best, len(self.effects) ** several):
+                found = other
+        return found
+
+    def add(self, result: Selection, screened: Sequence[Screened]) -> bool:
+        """Add one effect more, or swap older ones; True where that was worth it."""
+        base, pairs = result.best, self.candidates.one_more(result.best, result.singles, screened)
+        best = simplest(self.scores, pairs, base, self._sites)
+        if best is None:
+            return False
+        present = {e.key for e in base.fit.hypothesis.effects}
+        others, unrivalled = sum(e.key not in present for e in self.effects), stands_out(base.fit, best.fit, pairs)
+        if not earns(self.scores, base, best, others, unrivalled):
+            return False
+        if unrivalled:
+            result.unrivalled |= {e.key for e in best.fit.hypothesis.effects} - present
+        result.gains.append(self.scores.difference(base.fit, best.fit))
+        best = self._restarted(self.candidates.to_the_end(best))
+        pairs = sorted([best, *(p for p in pairs if p.fit.hypothesis is not best.fit.hypothesis)], key=by_score)
+        result.best, result.rivals = best, pairs
+        return True
+
+    def _drop(self, result: Selection) -> None:
+        """Take out what later effects made needless: the first one found may only have stood in for them."""
+        while len(result.best.fit.hypothesis.effects) > 1:
+            full = result.best.fit
+            starts = np.cumsum([0, *(len(e.parameters) for e in full.hypothesis.effects)])
+            without = []
+            for i, effect in enumerate(full.hypothesis.effects):
+                self.candidates.say("drop", i / len(full.hypothesis.effects))
+                rest = tuple(e for e in full.hypothesis.effects if e is not effect)
+                x = np.delete(full.x, np.arange(starts[i], starts[i + 1]))
+                without.append(self.scores.scored(self.fitter.polish(self.fitter.fit(Hypothesis(rest), x, full.z))))
+            simpler = min(without, key=by_score)
+            lost = {e.key for e in full.hypothesis.effects} - {e.key for e in simpler.fit.hypothesis.effects}
+            if earns(self.scores, simpler, result.best, len(self.effects), lost <= result.unrivalled):
+                result.gains = [self.scores.difference(w.fit, full) for w in without]
+                return
+            others = result.singles if len(simpler.fit.hypothesis.effects) == 1 else without
+            result.rivals = sorted([simpler, *(s for s in others if s.key != simpler.key)], key=by_score)
+            result.best, result.gains = simpler, [self.scores.difference(result.reference.fit, simpler.fit)]
+
+    def _settle(self, result: Selection) -> None:
+        """Fit the winner once more with all nuisance sensitivities its own: its intervals rest on them."""
+        old = result.best
+        self.fitter.refresh(old.fit.hypothesis, old.fit.x, old.fit.z, old.fit.residual)
+        fit = self.fitter.fit(old.fit.hypothesis, old.fit.x, old.fit.z, known=old.fit.residual)
+        fit = self.fitter.cross_validate(fit)
+        fit.covariance = self.fitter.covariance(fit, thorough=True)
+        result.best = self.scores.scored(fit)
+        result.rivals = sorted([result.best, *(r for r in result.rivals if r is not old)], key=by_score)
+
+    def _grow(self, result: Selection) -> None:
+        """Let the parameter of each effect that was found grow with time, where the recording is long enough."""
+        duration = self.fitter.residuals.replayer.aligned.duration
+        if duration < MIN_DURATION:
+            return
+        for i, effect in enumerate(result.best.fit.hypothesis.effects):
+            if len(effect.parameters) != 1:
+                continue
+            self.candidates.say("growth", i / len(result.best.fit.hypothesis.effects))
+            base = result.best
+            effects = list(base.fit.hypothesis.effects)
+            at = sum(len(e.parameters) for e in effects[: i + 1])
+            effects[i] = Growing(effect, duration)
+            fit = self.fitter.fit(Hypothesis(tuple(effects)), np.insert(base.fit.x, at, 0.0), base.fit.z)
+            grown = self.scores.scored(self.fitter.cross_validate(fit))
+            gain, low, _ = self.scores.difference(base.fit, grown.fit)
+            if gain > EVIDENCE and low > 0.0:
+                result.best = self.candidates.to_the_end(grown)
+
+    def _followed(self, scored: list[Scored], winner: Scored, without: Scored) -> tuple[list[Scored], Scored]:
+        """Those that cannot be told from the best fitted to the end, best first; and which of them wins then."""
+        close = scored[0].score + indistinct(without.score - scored[0].score)
+        tied = [i < FINALISTS and (s.score < close or s is winner) for i, s in enumerate(scored)]
+        again = sorted(
+            (self.candidates.to_the_end(s) if t else s for s, t in zip(scored, tied, strict=True)), key=by_score
+        )
+        chosen = simplest(self.scores, again, without, self._sites)
+        assert chosen is not None
+        return again, chosen

@@ -1,0 +1,1 @@
+"""What is shown: a diagnosis as a page to read, with its figures and sentences."""

@@ -1,0 +1,154 @@
+"""The verdict in plain words: where the gap sits, what causes it, how far it shrinks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from simgap.effects.library import effect_classes
+from simgap.report.figures import subsystem_shares
+
+Report = dict[str, Any]
+
+TITLES = {
+    "no_gap": "No gap worth an explanation",
+    "effect": "One cause found",
+    "ambiguous": "Several causes explain it equally well",
+    "unknown": "No cause that can be believed",
+}
+_PHASES = {
+    "standstill": "at standstill",
+    "reversal": "when the motion changes direction",
+    "moving": "while it moves",
+    "swing": "in the swing of the leg",
+    "stance": "in stance",
+    "touch-down": "at touch-down",
+    "all legs down": "while all feet stand",
+    "one leg up": "while one leg swings",
+    "two or more legs up": "while two or more legs swing",
+    "all": "throughout",
+}
+
+
+def title(report: Report) -> str:
+    """A headline."""
+    if report["verdict"] == "effect" and len(report["effects"]) > 1:
+        return f"{len(report['effects'])} causes found together"
+    if report["verdict"] == "ambiguous" and (sure := _settled(report)):
+        return f"{_capital(' and '.join(plain(_key(e)) for e in sure))}, and a further cause that is not settled"
+    return TITLES[report["verdict"]]
+
+
+def sentences(report: Report) -> list[str]:
+    """Three: where, what, how far."""
+    return [where(report), what(report), how_far(report)]
+
+
+def where(report: Report) -> str:
+    """Which subsystem, which phase."""
+    shares = subsystem_shares(report)
+    if not shares or report["gap"]["before"] < 1.3:
+        return "The twin predicts every channel about as well as repeating the experiment would."
+    name = next(iter(shares))
+    rows = [r for r in report["where"] if r["subsystem"] == name]
+    phases: dict[str, float] = {}
+    for r in rows:
+        phases[r["phase"]] = phases.get(r["phase"], 0.0) + r["share"]
+    main = max(phases, key=lambda p: phases[p])
+    when = _PHASES.get(main, main.replace("_", " "))
+    second = [n for n, s in list(shares.items())[1:3] if s > 0.15]
+    rest = f"; {' and '.join(second)} come{'s' if len(second) == 1 else ''} next" if second else ""
+    return f"The gap shows most at {name}, with {percent(shares[name])} of it, mostly {when}{rest}."
+
+
+def what(report: Report) -> str:
+    """Which effect of which size, or why none can be named."""
+    verdict = report["verdict"]
+    if verdict == "no_gap":
+        return "No known effect predicts the held-out data better than the tolerances of the model already do."
+    if verdict == "unknown":
+        reasons = "; ".join(report.get("reasons") or ["a structured residual remains"])
+        return f"No effect that the library knows can be believed: {reasons}."
+    text = " and ".join(_effect(e) for e in report["effects"])
+    if verdict != "ambiguous":
+        return f"It is caused by {text}."
+    rivals = [p for group in report["equivalent"][:1] for p in group[1:]]
+    alike = ", ".join(plain(r) for r in rivals) or "others"
+    sure = _settled(report)
+    if not sure:
+        return f"It looks like {text}, but this recording cannot tell that apart from {alike}."
+    found = " and ".join(_effect(e) for e in sure)
+    beside = " and ".join(_effect(e) for e in report["effects"] if e not in sure)
+    return f"It is caused by {found}. Beside it there is {beside}, which this recording cannot tell apart from {alike}."
+
+
+def _settled(report: Report) -> list[dict[str, Any]]:
+    """Effects of an ambiguous verdict that all contenders have: one of the others is what is not told apart."""
+    contenders = {key for group in report["equivalent"][:1] for key in group}
+    if any(" + " in key for key in contenders):
+        return []
+    sure = [effect for effect in report["effects"] if _key(effect) not in contenders]
+    return sure if len(sure) < len(report["effects"]) else []
+
+
+def _key(effect: dict[str, Any]) -> str:
+    return f"{effect['name']}@{effect['site']}"
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _effect(effect: dict[str, Any]) -> str:
+    parts = []
+    for name, p in list(effect["parameters"].items())[:3]:
+        unit = "" if p["unit"] in ("", "1") else f" {p['unit']}"
+        low, high = p["ci90"]
+        parts.append(
+            f"{name.replace('_', ' ')} {number(p['value'])}{unit}, 90 % between {number(low)} and {number(high)}"
+        )
+    return f"{plain(_key(effect))} ({'; '.join(parts)})"
+
+
+def how_far(report: Report) -> str:
+    """How the held-out gap shrinks."""
+    gap = report["gap"]
+    if report["verdict"] == "no_gap":
+        return f"The gap on held-out data is {gap['before']:.1f} times the noise floor; 1 is as good as repeating it."
+    low, high = gap["ci90"]
+    # A change for the worse is said as such.
+    change = f"shrinks by {percent(gap['shrink'])}" if gap["shrink"] >= 0 else f"grows by {percent(-gap['shrink'])}"
+    text = (
+        f"On data that was not used to fit, the gap {change} (90 % between {percent(low)} and {percent(high)}): "
+        f"from {gap['before']:.1f} to {gap['after']:.1f} times the noise floor, where 1 is as good as repeating the "
+        "experiment"
+    )
+    return text + (", which is the best that anything known does." if report["verdict"] == "unknown" else ".")
+
+
+def plain(key: str) -> str:
+    """name@site in words."""
+    return ", ".join(_part(part) for part in key.split(" + "))
+
+
+def _part(part: str) -> str:
+    if "@" not in part:
+        return part
+    name, site = part.split("@", 1)
+    return f"{name.replace('_', ' ')} {'everywhere' if site == 'all' else 'at ' + site.replace('_', ' ')}"
+
+
+def meaning(name: str) -> str:
+    """What an effect is, from its own description; empty for a user's effect."""
+    found = effect_classes().get(name)
+    text = (found.__doc__ or "").strip() if found else ""
+    return text.splitlines()[0] if text else ""
+
+
+def percent(share: float) -> str:
+    """A share as a percentage."""
+    return f"{100 * share:.0f} %" if abs(share) < 0.985 or abs(share) > 0.9995 else f"{100 * share:.1f} %"
+
+
+def number(value: float) -> str:
+    """Three digits."""
+    return f"{value:.3g}"

@@ -1,0 +1,444 @@
+"""The engine: recorded inputs through many variants of the model at once, in short windows that start at the robot.
+
+One mujoco.batch.Batch holds a simulation for each (variant, window) pair; the loop over time steps is in Python and
+vectorised over the simulations. During the warm-up all measured coordinates follow the measurement, so that what is
+not measured (contacts, tendons, servo states) settles; then the simulation runs free over the scored horizon.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco import batch as mjbatch
+from numpy.typing import NDArray
+
+from simgap.data.align import Aligned
+from simgap.data.plant import Plant, euler_angles
+from simgap.simulation.drive import Drive, Follow
+from simgap.simulation.servo_step import LoadFriction, ServoStep, needs_friction_step
+from simgap.simulation.signal_path import inverse_outputs, shape_inputs
+from simgap.simulation.state import MeasuredState, measured_state
+from simgap.simulation.variant import InputPath, OutputPath, Variant
+from simgap.simulation.windows import Windows
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LATE = 0.1
+"""[s] before a window from which coordinates whose drive has a memory are held too."""
+ELSEWHERE = (0.1, 0.01)
+"""[rad], [m] by which a hinge and a slide that nothing measures are tried elsewhere."""
+_MAX_BYTES = 150e6
+_MAX_SIMS = 1500
+_FATAL = tuple(int(getattr(mujoco.mjtWarning, f"mjWARN_{w}")) for w in ("INERTIA", "BADQPOS", "BADQVEL", "BADQACC"))
+_SKIPPED = ("name", "cam_", "light_", "mat_", "flex", "tex", "key_", "text", "tuple", "numeric", "plugin", "bvh")
+_FIELDS = tuple(sorted(f for f in mjbatch.MODEL_FIELDS if not f.startswith(_SKIPPED)))
+
+
+@dataclass(frozen=True)
+class _Row:
+    """What one variant needs to run: the model fields in which it differs and indices of its shared signals."""
+
+    fields: dict[str, NDArray[np.generic]]
+    inputs: int
+    state: int
+
+
+class Replayer:
+    """Replays windows of one recording.
+
+    Results depend on nothing but the arguments: the same pairs give the same bits at any number of threads.
+    """
+
+    def __init__(
+        self, plant: Plant, aligned: Aligned, windows: Windows, floor: Array, threads: int | None = None
+    ) -> None:
+        self.plant, self.aligned, self.windows, self.floor = plant, aligned, windows, floor
+        self.threads = threads or min(os.cpu_count() or 1, 8)
+        self.base = _const(plant.model)
+        self._base_bytes = {field: _field(self.base, field).tobytes() for field in _FIELDS}
+        self._inputs: dict[bytes, Array] = {}
+        self._states: dict[bytes, MeasuredState] = {}
+        self.simulated_seconds = 0.0
+        dt, period = float(plant.model.opt.timestep), aligned.period
+        self._dt = dt
+        self._lead_steps = round(windows.warm_up * period / dt)
+        self._late_from = windows.warm_up - LATE / period
+        self._times = (windows.warm_up + windows.sample) * period
+        self._steps = int(np.ceil(self._times[-1] / dt)) + 2
+        self._run_start = np.zeros(len(windows), np.int64)
+        self._run_stop = np.zeros(len(windows), np.int64)
+        for run in aligned.runs:
+            inside = (windows.start >= run.start) & (windows.start < run.stop)
+            self._run_start[inside], self._run_stop[inside] = run.start, run.stop
+        self.state = self._measured(OutputPath.neutral(plant))
+        self._start: Array | None = None
+        if not self.state.complete(plant.model):
+            self._start = self._observe()
+
+    # -- what is asked for ---------------------------------------------------------------------------------------
+
+    def run(self, variants: Sequence[Variant], select: Ints | None = None, which: Ints | None = None) -> Array:
+        """Outputs of every variant in every (selected) window, (nv, nw, ns, no); NaN where a simulation broke down.
+
+        With ``which`` (np, nw), row p takes variant ``which[p, w]`` in window w; outputs are then (np, nw, ns, no).
+        """
+        chosen = np.arange(len(self.windows)) if select is None else np.asarray(select)
+        if which is None:
+            which = np.repeat(np.arange(len(variants))[:, None], len(chosen), axis=1)
+        flat = self.run_pairs(variants, which.ravel(), np.tile(chosen, len(which)))
+        return flat.reshape(*which.shape, *flat.shape[1:])
+
+    def run_pairs(
+        self,
+        variants: Sequence[Variant],
+        which: Ints,
+        window: Ints,
+        shift: Array | None = None,
+        rate_shift: Array | None = None,
+    ) -> Array:
+        """Outputs (n, ns, no) of n (variant, window) pairs.
+
+        ``shift`` and ``rate_shift`` (n, state.size) are added to the measured coordinates and rates where a window
+        starts; a measured base comes last, as position, rotation about its own axes, and twist.
+        """
+        rows, shared_inputs, shared_states = self._prepare(variants)
+        out = np.empty((len(which), len(self.windows.sample), len(self.plant.outputs)))
+        per_sim = 8.0 * self._steps * (self.plant.model.nsensordata + self.plant.model.nu + self.plant.model.nv)
+        size = int(np.clip(_MAX_BYTES / per_sim, 16, _MAX_SIMS))
+        # Which way a pair runs depends on its variant alone, so that its company changes no bit.
+        ways = np.array([_way(v) for v in variants])[which]
+        for way in np.unique(ways):
+            chosen = np.flatnonzero(ways == way)
+            for first in range(0, len(chosen), size):
+                part = chosen[first : first + size]
+                moved, faster = (None if s is None else s[part] for s in (shift, rate_shift))
+                with quiet_mujoco():
+                    out[part] = self._chunk(
+                        variants, rows, shared_inputs, shared_states, which[part], window[part], moved, faster, way
+                    )
+        self.simulated_seconds += len(which) * self._steps * self._dt
+        return out
+
+    def probe(self, variant: Variant, fields: Sequence[str]) -> dict[str, Array]:
+        """Fields of MjData over the scored part of all windows, {field: (samples, size)}."""
+        rows, shared_inputs, shared_states = self._prepare([variant])
+        kept: dict[str, list[Array]] = {f: [] for f in fields}
+        which, window = np.zeros(len(self.windows), np.int64), np.arange(len(self.windows))
+        with quiet_mujoco():
+            self._chunk([variant], rows, shared_inputs, shared_states, which, window, None, None, _REMEMBERS, kept)
+        return {f: np.nan_to_num(np.concatenate(v)) for f, v in kept.items()}
+
+    # -- preparation ---------------------------------------------------------------------------------------------
+
+    def _measured(self, path: OutputPath) -> MeasuredState:
+        key = path.key()
+        if key not in self._states:
+            if len(self._states) > 200:
+                self._states.clear()
+            outputs = None if path.is_static_neutral() else inverse_outputs(self.aligned, path)
+            self._states[key] = measured_state(self.plant, self.aligned, self.floor, outputs)
+        return self._states[key]
+
+    def _prepare(self, variants: Sequence[Variant]) -> tuple[list[_Row], Array, list[MeasuredState]]:
+        input_keys: dict[bytes, int] = {}
+        state_keys: dict[bytes, int] = {}
+        paths: list[InputPath] = []
+        states: list[MeasuredState] = []
+        rows: list[_Row] = []
+        for variant in variants:
+            key = variant.inputs.key()
+            if key not in input_keys:
+                input_keys[key] = len(paths)
+                paths.append(variant.inputs)
+            out_key = variant.outputs.key()
+            if out_key not in state_keys:
+                state_keys[out_key] = len(states)
+                states.append(self._measured(variant.outputs))
+            rows.append(_Row(self._differences(variant.model), input_keys[key], state_keys[out_key]))
+        return rows, shape_inputs(self.aligned, paths), states
+
+    def _differences(self, model: mujoco.MjModel) -> dict[str, NDArray[np.generic]]:
+        changed = _const(model)
+        different = {}
+        for field, base in self._base_bytes.items():
+            mine = _field(changed, field)
+            if mine.tobytes() != base:
+                different[field] = np.array(mine)
+        return different
+
+    def _batch(self, rows: Sequence[_Row], which: Ints) -> mjbatch.Batch:
+        batch = mjbatch.Batch(self.base, len(which), self.threads)
+        for field in sorted(set().union(*(rows[v].fields for v in np.unique(which)))):
+            values = batch.expand(field)
+            for v in np.unique(which):
+                if field in rows[v].fields:
+                    values[which == v] = rows[v].fields[field]
+        return batch
+
+    # -- the loop ------------------------------------------------------------------------------------------------
+
+    def _chunk(
+        self,
+        variants: Sequence[Variant],
+        rows: Sequence[_Row],
+        shared_inputs: Array,
+        states: Sequence[MeasuredState],
+        which: Ints,
+        window: Ints,
+        shift: Array | None,
+        rate_shift: Array | None,
+        way: int,
+        probe: dict[str, list[Array]] | None = None,
+    ) -> Array:
+        batch = self._batch(rows, which)
+        batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        if self._start is not None:
+            batch.state[:] = self._start[window]
+        mine = [variants[v] for v in which]
+        paths = np.array([rows[v].inputs for v in which])
+        origin = self.windows.start[window] - self.windows.warm_up
+        drive = Drive(self.plant, mine, paths, shared_inputs, origin, self._dt, self.aligned.period)
+        drive.limits(self._run_start[window], self._run_stop[window])
+        follow = Follow(
+            states, np.array([rows[v].state for v in which]), drive.origin, batch, late_from=self._late_from
+        )
+        history = np.empty((len(which), self._steps, self.plant.model.nsensordata))
+        failed = np.zeros(len(which), bool)
+        if way != _ROLLS:
+            warm = way == _REMEMBERS or self._settles(batch)
+            self._step_through(batch, mine, drive, follow, history, failed, shift, rate_shift, warm, probe)
+        else:
+            self._roll_out(batch, drive, follow, history, failed, shift, rate_shift)
+        warned = batch.warning[:, :, 1].astype(np.int64)
+        failed |= (warned[:, list(_FATAL)] > 0).any(axis=1)
+        outputs = self._sample(history, mine)
+        outputs[failed] = np.nan
+        return outputs
+
+    def _roll_out(
+        self,
+        batch: mjbatch.Batch,
+        drive: Drive,
+        follow: Follow,
+        history: Array,
+        failed: NDArray[np.bool_],
+        shift: Array | None,
+        rate_shift: Array | None,
+    ) -> None:
+        """The free run in one call, for variants whose inputs do not depend on the state."""
+        lead, period = self._lead_steps, self.aligned.period
+        positions = np.arange(self._steps, dtype=np.float64) * (self._dt / period)
+        if self._settles(batch):
+            ctrl, forces = batch.bind("ctrl"), batch.bind("qfrc_applied")
+            control, applied = drive.at(positions[:lead])
+            for k in range(lead):
+                follow.apply(k * self._dt / period, None, None)
+                ctrl[:], forces[:] = control[:, k], applied[:, k]
+                _try(batch.step, failed)
+        follow.apply(lead * self._dt / period, shift, rate_shift)
+        control = np.concatenate(drive.at(positions[lead:]), axis=-1)
+        kinds = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+        found = {"sensordata": np.empty((len(history), self._steps - lead, history.shape[2]))}
+        _try(lambda: batch.rollout(self._steps - lead, control, kinds, ("sensordata",), out=found), failed)
+        history[:, lead:] = found["sensordata"]
+        history[:, :lead] = history[:, lead : lead + 1]
+
+    def _settles(self, batch: mjbatch.Batch) -> bool:
+        """Whether something needs the warm-up; not where all coordinates are measured and nothing has a memory."""
+        memory = self.plant.model.na > 0 or batch.bind("history").shape[-1] > 0
+        return memory or not self.state.complete(self.plant.model)
+
+    def _step_through(
+        self,
+        batch: mjbatch.Batch,
+        mine: Sequence[Variant],
+        drive: Drive,
+        follow: Follow,
+        history: Array,
+        failed: NDArray[np.bool_],
+        shift: Array | None,
+        rate_shift: Array | None,
+        warm: bool,
+        probe: dict[str, list[Array]] | None,
+    ) -> None:
+        """Warm-up and free run step by step, with servos and frictions that look at the state.
+
+        Where nothing has a memory (not ``warm``), one step is enough to know the forces.
+        """
+        servo = ServoStep(self.plant, mine, self._dt)
+        friction = needs_friction_step(mine)
+        law = LoadFriction(mine) if friction else None
+        loss = batch.expand("dof_frictionloss") if friction else None
+        base_loss = None if loss is None else loss.copy()
+        force = batch.bind("qfrc_actuator") if friction else None
+        sensors = batch.bind("sensordata")
+        if servo.active:
+            servo.bind(batch)
+        first = 0 if warm else max(self._lead_steps - 1, 0)
+        for k in range(first, self._steps):
+            position = k * self._dt / self.aligned.period
+            if k <= self._lead_steps:
+                last = k == self._lead_steps
+                follow.apply(position, shift if last else None, rate_shift if last else None)
+            control, applied = drive.at(position)
+            if servo.active:
+                control, extra = servo.step(control)
+                applied = applied + extra
+            batch.ctrl[:] = control
+            batch.qfrc_applied[:] = applied
+            if law is not None and loss is not None and base_loss is not None and force is not None:
+                loss[:] = law.at(base_loss, batch.qvel, force + applied)
+            _try(batch.step, failed)
+            history[:, k] = sensors
+            if probe is not None and k > self._lead_steps:
+                for field, values in probe.items():
+                    values.append(np.array(batch.bind(field)))
+        history[:, :first] = history[:, first : first + 1]
+
+    def _sample(self, history: Array, variants: Sequence[Variant]) -> Array:
+        """Outputs at the recorded times, (n, ns, no), through each variant's output path."""
+        plant, n = self.plant, history.shape[0]
+        out = np.empty((n, len(self._times), len(plant.outputs)))
+        delay = np.array([v.outputs.delay - v.outputs.lead for v in variants])
+        sims = np.arange(n)[:, None]
+        for i, channel in enumerate(plant.outputs):
+            at = np.clip((self._times[None, :] - delay[:, i : i + 1]) / self._dt, 0.0, self._steps - 1.0)
+            low = np.minimum(at.astype(np.int64), self._steps - 2)
+            share = at - low
+            if channel.euler >= 0:
+                quaternion = history[:, :, channel.address : channel.address + 4]
+                series = np.unwrap(euler_angles(quaternion)[..., channel.euler], axis=1)
+            else:
+                series = history[:, :, channel.address]
+            out[:, :, i] = series[sims, low] * (1.0 - share) + series[sims, low + 1] * share
+        for j, variant in enumerate(variants):
+            for (x, y, z), turn in variant.outputs.turns:
+                out[j][:, [x, y, z]] = out[j][:, [x, y, z]] @ turn.T
+        scale = np.array([v.outputs.scale for v in variants])[:, None, :]
+        bias = np.array([v.outputs.bias for v in variants])[:, None, :]
+        limit = np.array([v.outputs.limit for v in variants])[:, None, :]
+        result: Array = np.clip(out * scale + bias, -limit, limit)
+        return result
+
+    # -- coordinates that are not measured -----------------------------------------------------------------------
+
+    def unseen(self) -> Ints:
+        """Hinges and slides (nu,) whose position no live channel measures."""
+        model = self.plant.model
+        single = np.isin(model.jnt_type, [mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE])
+        return np.flatnonzero(single & ~np.isin(model.jnt_qposadr, self.state.qpos))
+
+    def guesswork(self) -> float:
+        """How far a typical window [noise floors] depends on where unseen joints are taken to be at first.
+
+        The nominal model is run from where it is found to be, and from where it would be found if these joints began
+        each run-in `ELSEWHERE` away: 0 where all are measured, little where springs or servos bring them back.
+        """
+        model, here, joints = self.plant.model, self._start, self.unseen()
+        if here is None or not len(joints):
+            return 0.0
+        moved = np.zeros(model.nq)
+        moved[model.jnt_qposadr[joints]] = np.where(
+            model.jnt_type[joints] == mujoco.mjtJoint.mjJNT_HINGE, ELSEWHERE[0], ELSEWHERE[1]
+        )
+        nominal, live = [Variant.nominal(self.plant)], self.aligned.live
+        found = self.run(nominal)[0]
+        try:
+            self._start = self._observe(moved=moved)
+            away = (self.run(nominal)[0] - found)[..., live] / self.floor[live]
+        finally:
+            self._start = here
+        size = np.sqrt((away**2).mean(axis=(1, 2)))
+        return float(np.median(np.where(np.isfinite(size), size, np.inf)))
+
+    def _observe(self, length: float = 6.0, lead: float = 1.5, moved: Array | None = None) -> Array:
+        """State rows (nw, nstate) at the start of each warm-up: the nominal model held to the measurement all along.
+
+        The recording is observed in pieces of ``length`` seconds, each with a run-in of ``lead`` seconds that begins
+        at the model's reference pose, or ``moved`` (nq,) from it.
+        """
+        period, dt, windows = self.aligned.period, self._dt, self.windows
+        begin = windows.start - windows.warm_up
+        pieces: list[tuple[int, int]] = []
+        for run in self.aligned.runs:
+            step = max(int(length / period), 1)
+            pieces += [(s, run.start) for s in range(run.start, run.stop, step)]
+        origins = np.array([max(s - int(lead / period), r) for s, r in pieces], np.int64)
+        piece_of = np.searchsorted([s for s, _ in pieces], begin, side="right") - 1
+        at = np.rint((begin - origins[piece_of]) * period / dt).astype(np.int64)
+        nominal = Variant.nominal(self.plant)
+        rows, shared_inputs, states = self._prepare([nominal])
+        which = np.zeros(len(pieces), np.int64)
+        batch = self._batch(rows, which)
+        key = 0 if self.plant.model.nkey else -1
+        batch.reset(keyframe=key, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        if moved is not None:
+            batch.bind("qpos")[:] += moved
+        paths = np.full(len(pieces), rows[0].inputs)
+        drive = Drive(self.plant, [nominal] * len(pieces), paths, shared_inputs, origins, dt, period)
+        stops = np.array([next(r.stop for r in self.aligned.runs if r.start <= o < r.stop) for o in origins])
+        drive.limits(np.array([r for _, r in pieces]), stops)
+        follow = Follow(states, which, origins, batch, stops)
+        found = np.zeros((len(windows), batch.nstate))
+        by_step: dict[int, list[int]] = {}
+        for w, k in enumerate(at):
+            by_step.setdefault(int(k), []).append(w)
+        for k in range(int(at.max(initial=0)) + 1):
+            position = k * dt / period
+            follow.apply(position, None, None)
+            for w in by_step.get(k, ()):
+                found[w] = batch.state[piece_of[w]]
+            batch.ctrl[:], batch.qfrc_applied[:] = drive.at(position)
+            batch.step()
+        return found
+
+
+_ROLLS, _LOOKS, _REMEMBERS = 0, 1, 2
+"""Ways in which a variant runs: in one call, step by step, step by step with its past."""
+
+
+def _way(variant: Variant) -> int:
+    """How a variant must run: its servos or frictions look at the state, or its past matters."""
+    servos, outputs = variant.servos, variant.outputs
+    if servos.backlash.any() or outputs.delay.any():
+        return _REMEMBERS
+    if servos.dead_band.any() or servos.sag != 0.0 or needs_friction_step([variant]):
+        return _LOOKS
+    return _ROLLS
+
+
+def _try(call: Callable[[], object], failed: NDArray[np.bool_]) -> None:
+    try:
+        call()
+    except mjbatch.SimulationError as error:
+        failed[error.ids] = True
+
+
+@contextlib.contextmanager
+def quiet_mujoco() -> Iterator[None]:
+    """Keep MuJoCo from logging simulations that break down: they are counted, and some candidates are meant to fail."""
+    config = mujoco.MjLogConfig.get()
+    console, file = config.logto_console, config.logto_file
+    config.logto_console = config.logto_file = False
+    config.set()
+    try:
+        yield
+    finally:
+        config.logto_console, config.logto_file = console, file
+        config.set()
+
+
+def _const(model: mujoco.MjModel) -> mujoco.MjModel:
+    """``model`` with its derived constants brought up to date, in place."""
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
+
+
+def _field(model: mujoco.MjModel, name: str) -> NDArray[np.generic]:
+    return np.asarray(getattr(model.opt, name[4:]) if name.startswith("opt.") else getattr(model, name))

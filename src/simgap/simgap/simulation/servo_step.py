@@ -1,0 +1,163 @@
+"""What servos and joints do that MuJoCo's elements do not: dead band, backlash, supply sag, load-dependent friction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from mujoco import batch as mjbatch
+from numpy.typing import NDArray
+
+from simgap.data.plant import Plant
+from simgap.simulation.variant import Variant
+
+Array = NDArray[np.float64]
+
+_CONTACT_STIFFNESS = 0.7
+"""Stiffness of the flanks of a play, as a share of what one time step can carry: inertia / dt^2."""
+
+
+class ServoStep:
+    """One control step of all simulations; ``variants`` gives the variant of each."""
+
+    def __init__(self, plant: Plant, variants: Sequence[Variant], dt: float) -> None:
+        servos = [v.servos for v in variants]
+        self._dt, self._plant, model = dt, plant, plant.model
+        self.active = any(s.dead_band.any() or s.backlash.any() or s.sag for s in servos)
+        if not self.active:
+            return
+        self._band = np.stack([s.dead_band for s in servos])
+        self._hard = np.stack([s.hard for s in servos])
+        self._width = np.stack([s.backlash for s in servos])
+        self._sag = np.array([s.sag for s in servos])[:, None]
+        self._reference = np.array([s.sag_reference for s in servos])[:, None]
+        self._gain = np.stack([v.model.actuator_gainprm[:, 0] for v in variants])
+        self._bias = np.stack([v.model.actuator_biasprm[:, :3] for v in variants])
+        self._gear = np.stack([v.model.actuator_gear[:, 0] for v in variants])
+        limited = np.stack([v.model.actuator_forcelimited for v in variants]).astype(bool)
+        bounds = np.stack([v.model.actuator_forcerange for v in variants])
+        self._low = np.where(limited, bounds[..., 0], -np.inf)
+        self._high = np.where(limited, bounds[..., 1], np.inf)
+        joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+        hinge = np.isin(model.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
+        self._at_joint = np.flatnonzero(joint & hinge[np.where(joint, model.actuator_trnid[:, 0], 0)])
+        self._dof = np.where(joint, model.jnt_dofadr[np.maximum(model.actuator_trnid[:, 0], 0)], 0)
+        self._play = [int(a) for a in np.flatnonzero((self._width > 0).any(axis=0)) if joint[a]]
+        if self._play:
+            dofs = self._dof[self._play]
+            self._coordinate = model.jnt_qposadr[model.actuator_trnid[self._play, 0]]
+            self._armature = np.stack([v.model.dof_armature[dofs] for v in variants])
+            # What a flank feels: the joint's inertia with all others free to give way, without the motor's.
+            total = 1.0 / np.stack([v.model.dof_invweight0[dofs] for v in variants])
+            self._link = np.maximum(total - self._armature, 0.05 * total)
+            self._motor_inertia = np.maximum(self._armature, 0.02 * self._link)
+            self._damping = np.stack([v.model.dof_damping[dofs] for v in variants])
+            self._angle: Array | None = None
+            self._speed = np.zeros((len(variants), len(self._play)))
+
+    def bind(self, batch: mjbatch.Batch) -> None:
+        """Attach to a batch. A joint with play leaves its inertia and damping to the motor."""
+        self._batch = batch
+        self._length, self._velocity = batch.bind("actuator_length"), batch.bind("actuator_velocity")
+        self._first = True
+        if not self._play:
+            return
+        gain, bias = batch.expand("actuator_gainprm"), batch.expand("actuator_biasprm")
+        armature, damping = batch.expand("dof_armature"), batch.expand("dof_damping")
+        for j, a in enumerate(self._play):
+            loose = self._width[:, a] > 0
+            gain[loose, a, 0] = 0.0
+            bias[loose, a, :3] = 0.0
+            armature[loose, self._dof[a]] -= self._armature[loose, j]
+            damping[loose, self._dof[a]] = 0.0
+
+    def step(self, control: Array) -> tuple[Array, Array]:
+        """(control that has the wanted effect (n, nu), joint forces (n, nv))."""
+        if self._first:
+            self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
+        # A step leaves what belongs to the state before it.
+        length = self._length + (0.0 if self._first else self._dt) * self._velocity
+        self._first = False
+        extra = np.zeros_like(self._batch.qfrc_applied)
+        if self._band.any():
+            # A servo compares in the unit of its command: the point of zero force is ctrl = -bias1 / gain * length.
+            zero = -self._bias[..., 1] / np.where(self._gain == 0, 1.0, self._gain) * length
+            error = control - zero
+            outside = np.abs(error) > self._band
+            answered = np.where(self._hard, error, error - np.sign(error) * self._band)
+            control = np.where(self._band > 0, zero + np.where(outside, answered, 0.0), control)
+        if self._sag.any():
+            asked = self._gain * control + self._bias[..., 0] + self._bias[..., 1] * length
+            velocity = self._velocity.copy()
+            at = self._at_joint
+            velocity[:, at] = self._gear[:, at] * self._batch.qvel[:, self._dof[at]]
+            asked += self._bias[..., 2] * velocity
+            force = np.clip(asked, self._low, self._high)
+            load = np.abs(force * self._gear).sum(axis=1, keepdims=True) / self._reference
+            # What flows is what the reduced voltage still drives, of a servo at its limit as well.
+            lost = asked - force / (1.0 + self._sag * load)
+            control = control - np.where(self._gain == 0, 0.0, lost / np.where(self._gain == 0, 1.0, self._gain))
+        if self._play:
+            self._turn_motors(control, extra)
+        return control, extra
+
+    def _turn_motors(self, control: Array, extra: Array) -> None:
+        """Advance the motors behind a play by one implicit step and add the torques that reach their joints."""
+        h, a = self._dt, self._play
+        dofs, gear = self._dof[a], self._gear[:, a]
+        q, rate = self._batch.qpos[:, self._coordinate], self._batch.qvel[:, dofs]
+        half = 0.5 * self._width[:, a]
+        if self._angle is None:
+            # Where its servo would bring it, as far as the flanks let it.
+            pull = gear * self._bias[:, a, 1]
+            asked = self._gain[:, a] * control[:, a] + self._bias[:, a, 0]
+            rest = np.divide(-asked, pull, out=q.copy(), where=pull != 0)
+            self._angle, self._speed = np.clip(rest, q - half, q + half), rate.copy()
+        stiffness = _CONTACT_STIFFNESS * self._link / h**2
+        damping = (1.0 - _CONTACT_STIFFNESS) * self._link / h
+        gap = self._angle - q
+        drive = self._gain[:, a] * control[:, a] + self._bias[:, a, 0]
+        force = np.clip(
+            drive + gear * (self._bias[:, a, 1] * self._angle + self._bias[:, a, 2] * self._speed),
+            self._low[:, a],
+            self._high[:, a],
+        )
+        inertia = self._motor_inertia
+        give = (-self._bias[:, a, 1] * h - self._bias[:, a, 2]) * gear**2
+        lead = inertia / h * self._speed + gear * force - gear**2 * self._bias[:, a, 2] * self._speed
+        total = inertia / h + give + self._damping
+        free = lead / total
+        # The flank that the motor would be behind after this step, so that it is never shot through a narrow play.
+        ahead = gap + h * (free - rate)
+        side = np.where(np.abs(ahead) >= half, np.sign(ahead), 0.0)
+        held = lead - stiffness * (gap - h * rate - side * half) + damping * rate
+        held /= total + self._bias[:, a, 1] * h * gear**2 + stiffness * h + damping
+        torque = stiffness * (gap + h * (held - rate) - side * half) + damping * (held - rate)
+        # A flank pushes; it does not pull.
+        pushes = torque * side > 0
+        speed, torque = np.where(pushes, held, free), np.where(pushes, torque, 0.0)
+        self._angle, self._speed = self._angle + h * speed, speed
+        loose = self._width[:, a] > 0
+        for j, dof in enumerate(dofs):
+            extra[:, dof] += np.where(loose[:, j], torque[:, j], 0.0)
+
+
+def needs_friction_step(variants: Sequence[Variant]) -> bool:
+    """Whether some friction changes from step to step."""
+    return any(v.friction.stribeck.any() or v.friction.load.any() for v in variants)
+
+
+class LoadFriction:
+    """Friction loss of all simulations that changes with speed and load; ``variants`` gives the variant of each."""
+
+    def __init__(self, variants: Sequence[Variant]) -> None:
+        self._stribeck = np.stack([v.friction.stribeck for v in variants])
+        self._slow = np.stack([v.friction.stribeck_velocity for v in variants])
+        self._load = np.stack([v.friction.load for v in variants])
+
+    def at(self, loss: Array, velocity: Array, force: Array) -> Array:
+        """Friction loss (n, nv) at joint velocities (n, nv) under transmitted forces (n, nv)."""
+        fading = self._stribeck * np.exp(-((velocity / self._slow) ** 2))
+        result: Array = np.maximum(loss + fading + self._load * np.abs(force), 0.0)
+        return result

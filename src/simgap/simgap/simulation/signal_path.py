@@ -1,0 +1,69 @@
+"""Signal paths applied to whole recordings: commands on their way in, and measurements traced back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.data.align import Aligned
+from simgap.simulation.lateness import Lateness
+from simgap.simulation.variant import InputPath, OutputPath
+
+Array = NDArray[np.float64]
+
+
+def shape_inputs(aligned: Aligned, paths: Sequence[InputPath]) -> Array:
+    """Inputs (npath, n, ni) after scale, offset, link, range, play and rate limit; delays act between samples."""
+    scale, offset, rate, play = (
+        np.stack([getattr(p, n) for p in paths]) for n in ("scale", "offset", "rate_limit", "play")
+    )
+    low, high = np.stack([p.low for p in paths]), np.stack([p.high for p in paths])
+    u = aligned.inputs[None] * scale[:, None] + offset[:, None]
+    late = np.stack([(p.loss > 0) | (p.jitter > 0) for p in paths])
+    for which, channel in np.argwhere(late):
+        for run in aligned.runs:
+            part = slice(run.start, run.stop)
+            u[which, part, channel] = _expected(u[which, part, channel], paths[which], int(channel), aligned.period)
+    for i, path in enumerate(paths):
+        if path.added is not None:
+            u[i] += path.added
+    u = np.clip(u, low[:, None], high[:, None])
+    slow = np.flatnonzero((np.isfinite(rate) | (play > 0)).any(axis=1))
+    if len(slow):
+        u[slow] = _remember(u[slow], aligned, rate[slow] * aligned.period, 0.5 * play[slow])
+    return u
+
+
+def _expected(u: Array, path: InputPath, channel: int, period: float) -> Array:
+    """The command (n,) that acts on average over a link that loses updates or delays them unevenly."""
+    update = float(path.update[channel])
+    law = Lateness(float(path.loss[channel]), float(path.jitter[channel]) / update)
+    return law.moments(u, max(round(update / period), 1))[0]
+
+
+def _remember(u: Array, aligned: Aligned, step: Array, half_play: Array) -> Array:
+    """The two operators with a memory, in this order: play, rate limit; (npath, n, ni)."""
+    out = np.empty_like(u)
+    for run in aligned.runs:
+        centre = u[:, run.start].copy()
+        value = centre.copy()
+        for k in range(run.start, run.stop):
+            centre = np.clip(centre, u[:, k] - half_play, u[:, k] + half_play)
+            before, value = value, np.clip(centre, value - step, value + step)
+            # A limited servo turns all through the period: what acts is the mean of its way.
+            way = value - before
+            out[:, k] = value - 0.5 * way * np.abs(way) / step
+    return out
+
+
+def inverse_outputs(aligned: Aligned, path: OutputPath) -> Array:
+    """What the sensors would have to have seen for the recorded outputs to come out of ``path``, (n, no)."""
+    y = (aligned.outputs - path.bias) / path.scale
+    for i in np.flatnonzero(path.delay):
+        for run in aligned.runs:
+            rows = np.arange(run.start, run.stop)
+            y[rows, i] = np.interp(rows + path.delay[i] / aligned.period, rows, y[rows, i])
+    result: Array = y
+    return result

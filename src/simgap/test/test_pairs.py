@@ -1,0 +1,231 @@
+"""What has to be found although something simpler imitates it, or although it is not the only one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from robots import plant_of, simulate
+
+from simgap.analysis.diagnose import Diagnosis, Options, diagnose
+from simgap.data.align import align
+from simgap.data.noise_floor import noise_floor
+from simgap.data.plant import Plant
+from simgap.data.recording import recording_from_table
+from simgap.effects.base import Context, Effect
+from simgap.effects.library import enumerate_effects
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.model_selection import earns, stands_out
+from simgap.inference.nuisance import BOX
+from simgap.inference.residual import Residuals
+from simgap.inference.scores import Scored, Scores
+from simgap.simulation.replay import Replayer
+from simgap.simulation.scales import measure_scales
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import cut
+
+
+def _names(found: Diagnosis) -> set[str]:
+    return {f"{e['name']}@{e['site']}" for e in found.report["effects"]}
+
+
+_DRAG = ("coulomb_friction", "viscous_friction", "servo_gain")
+
+
+def _drag_and_friction() -> tuple[Plant, Diagnosis]:
+    """A hinge with both."""
+
+    def stick(model: mujoco.MjModel) -> None:
+        model.dof_damping[:] += 0.15
+        model.dof_frictionloss[:] += 0.1
+
+    plant, table = plant_of("pendulum"), simulate("pendulum", 12.0, change=stick)
+    options = Options(baselines=False, only=_DRAG, threads=1)
+    return plant, diagnose([recording_from_table(table, plant)], plant, options)
+
+
+def test_a_soft_foot_is_not_taken_for_a_sensor_of_height() -> None:
+    """Here the ground also holds feet more firmly than the model's."""
+
+    def soften(model: mujoco.MjModel) -> None:
+        foot = model.geom("foot").id
+        model.geom_solref[foot, 0] *= 2.0
+        model.geom_priority[foot] = 1
+        model.opt.impratio = 3.0
+
+    plant = plant_of("leg")
+    only = ("foot_compliance", "sensor_bias", "sensor_scale", "ground_friction")
+    table = simulate("leg", 12.0, change=soften)
+    found = diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=only, threads=1))
+    assert _names(found) == {"foot_compliance@foot"}, found.report["reasons"]
+    (effect,) = found.report["effects"]
+    assert effect["parameters"]["time_factor"]["value"] == pytest.approx(2.0, rel=0.15)
+
+
+def test_a_wrong_first_effect_is_given_up_for_what_was_found_beside_it() -> None:
+    """Drag and friction of a hinge; begun with a gain, friction was added, and too much is left."""
+
+    _, found = _drag_and_friction()
+    selector, right = found.selector, found.selection
+    kinds = {e.name: e for e in selector.effects}
+    wrong = Hypothesis((kinds["servo_gain"], kinds["coulomb_friction"]))
+    fit = selector.fitter.fit(wrong, np.array([0.9, 0.1]), np.zeros(len(selector.fitter.nuisances)))
+    stuck = replace(right, best=selector.scores.scored(selector.fitter.cross_validate(fit)))
+    assert right.best.score < stuck.best.score
+    better = selector._begun_elsewhere(stuck, right.screened).best
+    assert {e.key for e in better.fit.hypothesis.effects} == {"coulomb_friction@hinge", "viscous_friction@hinge"}
+    assert better.score < stuck.best.score
+
+
+def test_two_effects_are_found_of_which_none_would_do_alone() -> None:
+    plant, found = _drag_and_friction()
+    selector, right = found.selector, found.selection
+    nothing = replace(right, best=right.reference, gains=[])
+    both = selector._only_together(nothing, right.screened).best
+    assert {e.key for e in both.fit.hypothesis.effects} == {"coulomb_friction@hinge", "viscous_friction@hinge"}
+    # Where nothing is left to find, nothing is.
+    healthy = simulate("pendulum", 12.0)
+    clean = diagnose([recording_from_table(healthy, plant)], plant, Options(baselines=False, only=_DRAG, threads=1))
+    assert clean.selection.best is clean.selection.reference
+    assert clean.selector._only_together(clean.selection, clean.selection.screened).best is clean.selection.reference
+
+
+def test_what_bent_nominal_numbers_hide_is_found_beside_untouched_ones() -> None:
+    _, found = _drag_and_friction()
+    selector, right = found.selector, found.selection
+    single = min((s for s in right.singles if "coulomb" in s.key), key=lambda s: s.score)
+    bent = replace(single.fit, z=np.full_like(single.fit.z, BOX))
+    before = selector.fitter.jacobian
+    fits = {
+        frozenset(e.key for e in s.fit.hypothesis.effects): s.fit
+        for s in selector.candidates.beside_untouched(bent, right.singles)
+    }
+    both = fits[frozenset({"coulomb_friction@hinge", "viscous_friction@hinge"})]
+    assert both.cost < right.best.fit.cost + 3.0
+    assert selector.fitter.jacobian is before
+
+
+def test_an_effect_counts_that_shows_beside_a_channel_that_is_far_off() -> None:
+    plant = plant_of("arm")
+    aligned = align(recording_from_table(simulate("arm", 8.0), plant), plant)
+    nominal = Variant.nominal(plant)
+    replayer = Replayer(plant, aligned, cut(aligned), noise_floor(aligned), 1)
+    fitter = Fitter(Residuals.build(replayer, nominal), [])
+    scores = Scores(fitter)
+    effects = enumerate_effects(Context(plant, measure_scales(replayer, nominal)))
+
+    def fit(second: float, *effects: Effect) -> Scored:
+        held = np.broadcast_to([200.0**2, second**2], fitter.recorded.shape)
+        none = np.zeros(0)
+        cost = float(fitter.data_cost(held))
+        return scores.scored(Fit(Hypothesis(effects), none, none, cost, none, none, held))
+
+    without, with_ = fit(20.0), fit(2.0, effects[0])
+    assert with_.gap > 0.99 * without.gap
+    assert earns(scores, without, with_, 100)
+    # A hundredth of one channel is nothing.
+    assert not earns(scores, without, fit(19.8, effects[0]), 100)
+
+
+def test_a_stop_that_gives_way_is_told_with_its_law() -> None:
+    def stop(model: mujoco.MjModel) -> None:
+        joint = model.joint("pan")
+        joint.range, model.jnt_limited[joint.id] = [-9.0, 0.3], 1
+        model.jnt_solref[joint.id] = 1.0 / (120.0 * 0.2), 0.2
+
+    plant, table = plant_of("camera"), simulate("camera", 12.0, change=stop)
+    only = ("joint_range", "joint_stiffness", "servo_gain", "servo_torque_limit")
+    found = diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=only, threads=1))
+    (effect,) = found.report["effects"]
+    assert (effect["name"], effect["site"], effect["form"]) == ("joint_range", "pan", "upper, soft")
+    values = {name: p["value"] for name, p in effect["parameters"].items()}
+    assert values["upper"] == pytest.approx(0.3, abs=0.005)
+    assert values["frequency"] == pytest.approx(120.0, rel=0.05)
+    assert values["damping_ratio"] == pytest.approx(0.2, rel=0.05)
+    # A law that bounces a little otherwise leaves a third of it.
+    typical = found.report["gap"]["typical"]
+    assert typical["after"] < 0.03 * typical["before"]
+
+
+@pytest.mark.parametrize(("others", "alone"), [((5.0, 2.0), True), ((60.0, 2.0), False), ((-3.0,), True)])
+def test_an_effect_stands_out_where_no_other_takes_a_third_of_what_it_takes(
+    others: tuple[float, ...], alone: bool
+) -> None:
+    plant = plant_of("pendulum")
+    aligned = align(recording_from_table(simulate("pendulum", 6.0), plant), plant)
+    replayer = Replayer(plant, aligned, cut(aligned), noise_floor(aligned), 1)
+    effects = enumerate_effects(Context(plant, measure_scales(replayer, Variant.nominal(plant))))
+
+    def fit(cost: float, *which: int) -> Scored:
+        none = np.zeros(0)
+        return Scored(Fit(Hypothesis(tuple(effects[i] for i in which)), none, none, cost, none, none), cost, 1.0)
+
+    base, best = fit(1000.0, 0), fit(900.0, 0, 1)
+    rivals = [best, *(fit(1000.0 - gain, 0, 2 + i) for i, gain in enumerate(others))]
+    assert stands_out(base.fit, best.fit, rivals) is alone
+    # A little is never much more than nothing.
+    assert not stands_out(base.fit, fit(990.0, 0, 1).fit, rivals[:1])
+
+
+def test_a_second_effect_is_found_that_strained_nominal_numbers_had_swallowed() -> None:
+    """Beside the first effect they do something else than in the nominal model."""
+
+    def heavy(model: mujoco.MjModel) -> None:
+        model.dof_armature[model.joint("pan").dofadr[0]] += 0.0016
+
+    plant, table = plant_of("camera"), simulate("camera", 14.0, change=heavy)
+    only = ("sensor_bias", "armature", "servo_gain", "mass")
+    tilted = recording_from_table(table | {"q1": table["q1"] + 0.15}, plant)
+    found = diagnose([tilted], plant, Options(baselines=False, only=only, threads=1))
+    assert _names(found) == {"sensor_bias@tilt_pos", "armature@pan"}, found.report["reasons"]
+
+
+def test_friction_of_a_cable_and_of_its_joint_are_not_both_named() -> None:
+    """One change under two names: two constraints are stiffer than one, and so fit a little better."""
+    plant = plant_of("finger")
+    only = ("tendon_friction", "coulomb_friction", "joint_damping")
+    table = simulate("finger", 8.0, change=_rub)
+    found = diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=only, threads=1))
+    candidates, fitter = found.selector.candidates, found.selector.fitter
+    kinds = {e.key: e for e in found.selector.effects}
+
+    def says_again(*names: str) -> bool:
+        hypothesis = Hypothesis(tuple(kinds[n] for n in names))
+        x = np.array([p.tries[0] for e in hypothesis.effects for p in e.parameters])
+        return candidates._says_again(fitter.fit(hypothesis, x, np.zeros(len(fitter.nuisances)), 1))
+
+    assert says_again("tendon_friction@cable", "coulomb_friction@knuckle")
+    assert not says_again("tendon_friction@cable", "joint_damping@knuckle")
+    assert not says_again("tendon_friction@cable", "coulomb_friction@wrist")
+    assert len(_names(found)) == 1, found.report["reasons"]
+
+
+def _rub(model: mujoco.MjModel) -> None:
+    model.dof_frictionloss[model.joint("knuckle").dofadr[0]] += 0.15
+
+
+def test_a_mass_that_lies_aside_comes_before_gravity_that_leans_far() -> None:
+    """One change of a pendulum under two names, of which the milder is the likelier."""
+
+    def aside(model: mujoco.MjModel) -> None:
+        model.body_ipos[model.body("link").id, 0] += 0.03
+
+    plant, table = plant_of("pendulum"), simulate("pendulum", 12.0, change=aside)
+    options = Options(baselines=False, only=("com_shift", "gravity_lean", "servo_offset"), threads=1)
+    found = diagnose([recording_from_table(table, plant)], plant, options)
+    assert found.report["verdict"] == "ambiguous"
+    assert _names(found) == {"com_shift@link"}
+    assert "gravity_lean@all" in found.report["equivalent"][0]
+
+
+def test_a_winner_that_ended_in_a_wrong_optimum_is_restarted_out_of_it() -> None:
+    _, found = _drag_and_friction()
+    selector, right = found.selector, found.selection
+    candidates, best = selector.candidates, right.best.fit
+    stuck = replace(best, x=best.x * [0.75, 1.0], cost=best.cost + 40.0)
+    better = candidates.restarted(replace(right.best, fit=stuck))
+    assert better.fit.cost == pytest.approx(best.cost, abs=0.5)
+    assert candidates.restarted(right.best) is right.best

@@ -1,0 +1,186 @@
+"""The report: one page that needs nothing beside it, says the verdict in plain words, and shows in a browser."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from matplotlib.text import Annotation
+from robots import plant_of, simulate
+
+from simgap.analysis.diagnose import Diagnosis, Options, diagnose
+from simgap.data.errors import GapInputError
+from simgap.data.recording import recording_from_table
+from simgap.report.drawing import draw_robot
+from simgap.report.evidence import Evidence, gather
+from simgap.report.html import page, write_page
+from simgap.report.sentences import how_far, sentences, title, what, where
+from simgap.report.style import svg
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+
+
+@pytest.fixture(scope="module")
+def found() -> Diagnosis:
+    plant = plant_of("arm")
+
+    def softer(model: mujoco.MjModel) -> None:
+        model.dof_damping[1] += 0.25
+
+    table = simulate("arm", seconds=8.0, change=softer)
+    only = ("viscous_friction", "servo_gain", "sensor_bias")
+    return diagnose([recording_from_table(table, plant)], plant, Options(only=only, baselines=False, threads=1))
+
+
+@pytest.fixture(scope="module")
+def evidence(found: Diagnosis) -> Evidence:
+    return gather(found)
+
+
+@pytest.fixture(scope="module")
+def html(found: Diagnosis, evidence: Evidence) -> str:
+    return page(found.report, evidence)
+
+
+def test_the_page_needs_nothing_beside_it(html: str) -> None:
+    for tag in re.findall(r"<(?:script|link|img|iframe|object)\b[^>]*>", html):
+        raise AssertionError(tag)
+    addresses = set(re.findall(r"(?:href|src)=\"([^\"]*)\"", html))
+    assert all(a.startswith("#") for a in addresses)
+    assert "@import" not in html and "url(http" not in html
+    assert html.count("<svg") >= 6
+
+
+def test_the_page_says_what_was_found(html: str, found: Diagnosis) -> None:
+    for sentence in sentences(found.report):
+        assert sentence.split(",")[0].replace("'", "&#39;") in html
+    assert "viscous friction" in html and "elbow" in html
+    assert "In degrees" in html and "Noise floors" in html
+
+
+def test_the_curves_are_of_held_out_windows_and_get_closer(found: Diagnosis, evidence: Evidence) -> None:
+    folds = found.selector.fitter.windows.fold
+    before, after = [], []
+    for curves in evidence.curves.values():
+        for curve in curves:
+            assert folds[curve.window] >= 0
+            before.append(np.sqrt(np.nanmean((curve.nominal - curve.measured) ** 2)))
+            after.append(np.sqrt(np.nanmean((curve.after - curve.measured) ** 2)))
+    assert np.mean(after) < 0.3 * np.mean(before)
+
+
+def test_the_cause_is_shown_where_it_acts(found: Diagnosis, evidence: Evidence) -> None:
+    (effect,) = found.report["effects"]
+    shown = {evidence.model.body(b).name for b in evidence.causes}
+    joints = range(evidence.model.njnt) if effect["site"] == "all" else [evidence.model.joint(effect["site"]).id]
+    assert shown == {evidence.model.body(int(evidence.model.jnt_bodyid[j])).name for j in joints}
+
+
+def test_the_ranking_has_intervals_and_marks_the_winner(evidence: Evidence) -> None:
+    assert sum(r.chosen for r in evidence.ranking) == 1
+    assert all(r.low <= r.high for r in evidence.ranking)
+    assert evidence.ranking[0].low > 0
+
+
+def test_every_verdict_has_its_sentences(found: Diagnosis) -> None:
+    report = found.report
+    for verdict, words in (
+        ("no_gap", "No known effect"),
+        ("unknown", "No effect that the library knows can be believed: it moves"),
+        ("effect", "caused by"),
+    ):
+        assert words in what(report | {"verdict": verdict, "reasons": ["it moves"]})
+    alike = report | {"verdict": "ambiguous", "equivalent": [["mass@upper", "inertia@fore + armature@elbow"]]}
+    assert "inertia at fore, armature at elbow" in what(alike)
+    gap = report["gap"]
+    assert "grows by 20 %" in how_far(report | {"gap": gap | {"shrink": -0.2}})
+    assert "1 is as good" in how_far(report)
+    assert "every channel" in where(report | {"gap": gap | {"before": 1.1}})
+
+
+SHAPES = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body name="a"><freejoint/>
+<geom type="box" size=".1 .1 .1"/><geom type="sphere" size=".1" pos=".3 0 0"/><geom type="ellipsoid" size=".1 .05 .02"/>
+<geom type="cylinder" size=".02 .1" pos="0 .3 0"/><geom type="capsule" size=".02 .1" pos="0 -.3 0"/>
+<geom type="mesh" mesh="m"/></body></worldbody>
+<asset><mesh name="m" vertex="0 0 0 .1 0 0 0 .1 0 0 0 .1"/></asset></mujoco>"""
+
+
+def test_what_is_sure_is_told_apart_from_what_is_open(found: Diagnosis) -> None:
+    value = {"value": 0.2, "unit": "N m", "ci90": [0.1, 0.3]}
+    effects = [
+        {"name": "coulomb_friction", "site": "all", "parameters": {"friction": value}},
+        {"name": "armature", "site": "elbow", "parameters": {"inertia": value}},
+    ]
+    report = found.report | {"verdict": "ambiguous", "effects": effects}
+    report |= {"equivalent": [["armature@elbow", "armature@all"], ["coulomb_friction@all", "dry@all"]]}
+    assert title(report) == "Coulomb friction everywhere, and a further cause that is not settled"
+    assert what(report).startswith("It is caused by coulomb friction everywhere (friction 0.2 N m")
+    assert what(report).endswith("which this recording cannot tell apart from armature everywhere.")
+    whole = report | {"equivalent": [["armature@elbow + coulomb_friction@all", "viscous_friction@all"]]}
+    assert title(whole) == "Several causes explain it equally well"
+    assert what(whole).startswith("It looks like coulomb friction everywhere")
+
+
+def test_any_shape_is_drawn_and_coloured_by_its_gap() -> None:
+    model = mujoco.MjModel.from_xml_string(SHAPES)
+    qpos = np.array(model.qpos0)
+    figure = draw_robot(model, qpos, {1: 1.0}, {1: "a part"})
+    patches = figure.axes[0].patches
+    assert len([p for p in patches if p.get_gid() is None]) >= 6
+    cold = draw_robot(model, qpos, {}, {}).axes[0].patches
+    assert {p.get_facecolor() for p in patches[:6]}.isdisjoint({p.get_facecolor() for p in cold[:6]})
+    assert "a part" in svg(figure)
+    marked = draw_robot(model, qpos, {}, {}, [1]).axes[0].patches
+    assert {p.get_edgecolor() for p in marked[:6]}.isdisjoint({p.get_edgecolor() for p in cold[:6]})
+
+
+def test_a_name_hangs_at_the_middle_of_its_part_wherever_its_mass_lies() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint axis="0 1 0"/><inertial pos="0 0 -1" mass="1" diaginertia="1 1 1"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -1" size="0.05"/></body></worldbody></mujoco>"""
+    )
+    figure = draw_robot(model, np.array(model.qpos0), {}, {1: "link"})
+    (patch,), (text,) = figure.axes[0].patches, figure.axes[0].texts
+    corners = patch.get_path().vertices
+    assert isinstance(text, Annotation)
+    assert np.allclose(text.xy, 0.5 * (corners.min(axis=0) + corners.max(axis=0)), atol=1e-6)
+
+
+def test_a_page_that_cannot_be_written_is_said(found: Diagnosis, evidence: Evidence, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(GapInputError, match="cannot be written"):
+        write_page(found.report, evidence, tmp_path / "file" / "report.html")
+    path = write_page(found.report, evidence, tmp_path / "deep" / "report.html")
+    assert path.read_text().startswith("<!doctype html>")
+    assert [p.name for p in path.parent.iterdir()] == ["report.html"]
+
+
+@pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="no Chromium or Chrome")
+def test_a_browser_shows_it(html: str, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    # What a reader would notice: boxes that stick out of the page, drawings without size, text without letters.
+    probe = """<script>addEventListener('load', () => {
+      const wide = document.documentElement.scrollWidth - innerWidth;
+      const flat = [...document.querySelectorAll('svg')].filter(s => s.getBoundingClientRect().height < 20).length;
+      document.title = `probe ${wide} ${flat} ${document.querySelectorAll('section').length}`;
+    });</script></body>"""
+    path.write_text(html.replace("</body>", probe))
+    browser = next(b for b in BROWSERS if shutil.which(b))
+    options = [
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--window-size=900,1200",
+        f"--user-data-dir={tmp_path}/u",
+    ]
+    command = [browser, *options, "--virtual-time-budget=3000", "--dump-dom", path.as_uri()]
+    shown = subprocess.run(command, capture_output=True, text=True, timeout=120).stdout
+    measured = re.search(r"<title>probe (-?\d+) (\d+) (\d+)</title>", shown)
+    assert measured, shown[:500]
+    wide, flat, parts = map(int, measured.groups())
+    assert wide <= 0 and flat == 0 and parts >= 5
