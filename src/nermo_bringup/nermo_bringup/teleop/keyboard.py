@@ -37,7 +37,6 @@ SPINE_KEYS = dict(zip("tyuiop", SPINE_FUNCTIONS, strict=False))
 """The spine function that each key switches."""
 
 
-
 def _short(function: str) -> str:
     return function.removesuffix("_compensation").replace("_", " ")
 
