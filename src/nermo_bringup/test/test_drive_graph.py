@@ -15,7 +15,8 @@ from terminal import Terminal, left_running
 from nermo_node.recording import Recording
 
 DRIVE = [sys.executable, "-m", "nermo_bringup", "drive"]
-LIMP = "limp: emergency_stop (/nermo/drive says stop); 1 ends it"
+LIMP = "EMERGENCY STOP, limp: emergency_stop"
+"""Who says so is a name only once the twin knows its publisher."""
 
 
 @pytest.fixture
