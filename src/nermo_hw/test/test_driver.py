@@ -16,7 +16,7 @@ from nermo_hw.device.faults import FaultError
 from nermo_hw.sbcp.boards import BODY_BOARD, SERVO_BOARDS
 from nermo_hw.serial.calibration import Calibration, Mounting, save_calibration
 from nermo_hw.serial.driver import Driver
-from nermo_hw.serial.port import find_port
+from nermo_hw.serial.port import find_port, open_port
 from nermo_hw.types import Fault, LineError, LineLostError, SensorSample, ServoTargets, SilentLineError
 
 ROBOT = load_robot("nermo_lite")
@@ -260,6 +260,11 @@ def test_targets_that_are_none_are_refused(targets):
 def test_ports_that_cannot_be_opened_are_told_in_a_sentence(port, text):
     with pytest.raises(LineError, match=text):
         Driver(ROBOT, port).open()
+
+
+def test_a_port_that_is_not_there_is_said_in_plain_words(tmp_path) -> None:
+    with pytest.raises(LineError, match=r"^port \S+/none is not there \(yet\)$"):
+        open_port(str(tmp_path / "none"), 0.1)
 
 
 def test_a_plain_port_is_taken_as_it_is():

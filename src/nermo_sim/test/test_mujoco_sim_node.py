@@ -100,12 +100,17 @@ def test_a_spine_command_beyond_the_range_is_held_and_said(graph: Graph) -> None
     spine = list(states[-1].name).index("spine_lateral")
     before = states[-1]
     positions = list(before.position)
-    positions[spine] = 2.0
+    positions[spine] = -1.0004
     graph.command(before, position=positions)
     graph.until(lambda: nanoseconds(states[-1]) > nanoseconds(before) + 20 * PERIOD, "the simulation goes on")
+    later = states[-1]
+    positions[spine] = 2.0
+    graph.command(later, position=positions)
+    graph.until(lambda: nanoseconds(states[-1]) > nanoseconds(later) + 20 * PERIOD, "the simulation goes on")
     assert max(state.position[spine] for state in states) < 1.05
     _, output = graph.end(process)
     assert "spine_lateral = 2.000 rad is held to its range, -1 to 1 rad" in output
+    assert output.count("is held to its range") == 1, "what the words do not show is not said"
 
 
 def test_repeated_and_stale_commands_are_refused(graph: Graph) -> None:

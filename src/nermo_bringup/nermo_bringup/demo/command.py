@@ -16,10 +16,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from nermo_bringup.demo import evaluation, pictures
-from nermo_bringup.demo.graph import running_graph
 from nermo_bringup.demo.plan import LIFTED, WALK_SPEED_M_S, Plan, make_plan
 from nermo_bringup.launch.description import load
 from nermo_bringup.launch.executables import find_launch_file
+from nermo_bringup.launch.running_graph import running_graph
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.taps import dated_directory
 from nermo_control.gait.knowledge_base import GaitParameters

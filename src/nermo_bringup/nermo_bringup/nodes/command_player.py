@@ -12,6 +12,7 @@ from rosgraph_msgs.msg import Clock
 
 from nermo_bringup.teleop.script import Script, load_script
 from nermo_control.nodes.conversions import control_command_to_message
+from nermo_description.invocation import called
 from nermo_interfaces.msg import ControlCommand, ServoCommand
 from nermo_node import qos, run
 from nermo_node.parameters import declare
@@ -52,7 +53,7 @@ class CommandPlayer(Node):
         )
         self._start: int | None = None
         self._over = False
-        self.get_logger().info(f"waiting for somebody who listens to {self._publisher.topic_name} (nermo up)")
+        self.get_logger().info(f"waiting for somebody who listens to {self._publisher.topic_name} ({called()} up)")
         if parameters.lockstep:
             self.create_subscription(Clock, "/clock", lambda message: self._play(to_nanoseconds(message.clock)), 10)
         else:

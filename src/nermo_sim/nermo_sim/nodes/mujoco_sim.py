@@ -36,6 +36,8 @@ REPEAT_AFTER = 0.25
 BUSY_NS = 20_000_000
 """As fast as possible still means to listen to the graph every so often."""
 REMEMBERED_TICKS = 400
+UNSEEN_RAD = 0.5e-3
+"""[rad] So far beyond its range a servo is held without a word: rounding at the edge, and less than the words show."""
 LARGEST_STEP = 1_000_000
 
 
@@ -209,7 +211,7 @@ class MujocoSim(Node):
     def _say_beyond(self, positions: list[float]) -> None:
         """MuJoCo holds each servo to its range; whoever asked for more is told."""
         for position, (name, lower, upper) in zip(positions, self._ranges, strict=True):
-            if not lower <= position <= upper:
+            if not lower - UNSEEN_RAD <= position <= upper + UNSEEN_RAD:
                 self.get_logger().warning(
                     f"servo command: {name} = {position:.3f} rad is held to its range, {lower:g} to {upper:g} rad",
                     throttle_duration_sec=1.0,
