@@ -136,7 +136,7 @@ _WORDS = {
     "experiment": ("nermo_sim.cli:experiment_app", "Run an experiment of the theses; its table stands beside theirs."),
     "bench": (
         "nermo_sim.cli:bench_app",
-        "Measure how fast things are: tick, loop, graph, sensors, serial, link, faults.",
+        "Measure: tick, loop, graph, sensors, serial, link, faults, fuzz.",
     ),
     "optimize": ("nermo_sim.optimize.cli:optimize_app", "Search for better parameters."),
     "calibrate": ("nermo_sim.calibrate.cli:calibrate_app", "Fit the physical numbers that the thesis does not print."),
@@ -147,7 +147,10 @@ _WORDS = {
 
 
 # Things whose bench lives in another package than the others'.
-_BENCHES = dict.fromkeys(("serial", "link", "faults"), "nermo_hw.cli:bench_app")
+_BENCHES = {
+    **dict.fromkeys(("serial", "link", "faults"), "nermo_hw.cli:bench_app"),
+    "fuzz": "nermo_bringup.fuzz.cli:bench_app",
+}
 
 
 def _offer_word(word: str, place: str, help_text: str) -> None:

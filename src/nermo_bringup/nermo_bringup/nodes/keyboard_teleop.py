@@ -20,6 +20,9 @@ from nermo_bringup.teleop.keyboard import HELP, KeyMapping, raw_terminal, read_k
 from nermo_control.nodes.conversions import control_command_to_message
 from nermo_interfaces.msg import ControlCommand, GaitParameters
 from nermo_node import qos, run
+from nermo_node.complaints import Complaints
+from nermo_node.diagnostics import Diagnostics
+from nermo_node.inputs import Inputs
 from nermo_node.parameters import declare
 
 COMMAND_PERIOD_S = 0.05
@@ -38,7 +41,9 @@ class KeyboardTeleop(Node):
         self._stop = self.create_publisher(Bool, "emergency_stop", qos.LATCHED)
         self._stop_sent = False
         self._last = "none"
-        self.create_subscription(GaitParameters, "gait_parameters", self._gaits, qos.LATCHED)
+        refused = Complaints(self, "refused")
+        Inputs(self, refused.add_one).subscribe(GaitParameters, "gait_parameters", self._gaits, qos.LATCHED)
+        Diagnostics(self, "keyboard", {"messages": refused.status})
         self._input = sys.stdin.fileno()
         self._terminal.enter_context(raw_terminal(self._input))
         self._live = self._terminal.enter_context(

@@ -17,6 +17,9 @@ from nermo_bringup.teleop.pads import load_pad
 from nermo_control.nodes.conversions import control_command_to_message
 from nermo_interfaces.msg import ControlCommand, GaitParameters
 from nermo_node import qos, run
+from nermo_node.complaints import Complaints
+from nermo_node.diagnostics import Diagnostics
+from nermo_node.inputs import Inputs
 from nermo_node.parameters import declare
 
 COMMAND_PERIOD_S = 0.05
@@ -45,8 +48,11 @@ class Teleop(Node):
         self._stop = self.create_publisher(Bool, "emergency_stop", qos.LATCHED)
         self._stop_sent = False
         self._shown = ""
-        self.create_subscription(Joy, "joy", self._joy, 10)
-        self.create_subscription(GaitParameters, "gait_parameters", self._gaits, qos.LATCHED)
+        refused = Complaints(self, "refused")
+        inputs = Inputs(self, refused.add_one)
+        inputs.subscribe(Joy, "joy", self._joy, 10)
+        inputs.subscribe(GaitParameters, "gait_parameters", self._gaits, qos.LATCHED)
+        Diagnostics(self, parameters.pad, {"messages": refused.status})
         # A person lets go in real time, whatever the simulation's clock does.
         self.create_timer(COMMAND_PERIOD_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 

@@ -18,6 +18,7 @@ from nermo_interfaces.msg import LegLoads, LegStates, Tactile
 from nermo_node import qos, run
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import OK, WARN, Diagnostics, Status
+from nermo_node.inputs import Inputs
 from nermo_node.parameters import blame, declare
 from nermo_node.time import to_message, to_nanoseconds
 from nermo_sensors.estimation.estimator import LegLoadEstimator
@@ -93,9 +94,10 @@ class LegLoadEstimatorNode(Node):
         self._message = LegLoads()
         self._message.header.frame_id = "base_link"
         self._publisher = self.create_publisher(LegLoads, "leg_loads", qos.SENSOR)
-        self.create_subscription(LegStates, "leg_states", self._on_leg_states, qos.BEST_EFFORT)
-        self.create_subscription(Imu, "imu/data_raw", self._on_imu, qos.BEST_EFFORT)
-        self.create_subscription(Tactile, "tactile", self._on_tactile, qos.BEST_EFFORT)
+        inputs = Inputs(self, self._refused.add_one)
+        inputs.subscribe(LegStates, "leg_states", self._on_leg_states, qos.BEST_EFFORT)
+        inputs.subscribe(Imu, "imu/data_raw", self._on_imu, qos.BEST_EFFORT)
+        inputs.subscribe(Tactile, "tactile", self._on_tactile, qos.BEST_EFFORT)
         Diagnostics(
             self,
             self._feet.name,
