@@ -188,8 +188,12 @@ def test_a_cut_file_is_read_up_to_the_cut_and_repaired(tmp_path: Path, cut: int)
     assert len(texts) < 40 or cut < 100
     assert texts == [f"text {number}" for number in range(len(texts))]
 
-    assert repair(tmp_path / "walk") == len(texts)
-    assert sorted(path.name for path in (tmp_path / "walk").iterdir()) == ["metadata.yaml", "walk_0.mcap"]
+    cut_file = bag.path.read_bytes()
+    done = repair(tmp_path / "walk")
+    assert done.message_count == len(texts)
+    assert done.backup is not None and done.backup.read_bytes() == cut_file
+    names = sorted(path.name for path in (tmp_path / "walk").iterdir())
+    assert names == ["metadata.yaml", "walk_0.mcap", "walk_0.mcap.orig"]
     assert Recording(tmp_path / "walk").complete
     with AnyReader([tmp_path / "walk"]) as reader:
         assert [reader.deserialize(data, connection.msgtype).data for connection, _, data in reader.messages()] == texts
@@ -201,16 +205,17 @@ def test_repair_leaves_a_whole_recording_alone(tmp_path: Path) -> None:
     write_text(bag, 5)
     bag.close()
     before = bag.path.read_bytes()
-    assert repair(tmp_path / "walk") == 5
+    done = repair(tmp_path / "walk")
+    assert (done.message_count, done.backup) == (5, None)
     assert bag.path.read_bytes() == before
 
 
-def test_repair_of_a_renamed_recording_leaves_one_file(tmp_path: Path) -> None:
+def test_repair_of_a_renamed_recording_keeps_the_name_of_its_file(tmp_path: Path) -> None:
     bag = BagWriter(tmp_path / "walk")
     write_text(bag, 5)
     bag.flush()
     (tmp_path / "walk").rename(tmp_path / "trot")
-    assert repair(tmp_path / "trot") == 5
+    assert repair(tmp_path / "trot").message_count == 5
     with AnyReader([tmp_path / "trot"]) as reader:
         assert reader.message_count == 5
 

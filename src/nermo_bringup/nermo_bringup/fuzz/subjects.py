@@ -43,7 +43,7 @@ def subjects(folder: Path) -> list[Subject]:
     link = folder / "link.yaml"
     plain = {"keys": None, "robot.endpoints": [_NOBODY], "workstation.endpoints": [_NOBODY]}
     link.write_text(load_link(overrides=plain.items()).model_dump_json(), encoding="utf-8")
-    special = {
+    special: dict[str, list[dict[str, object]]] = {
         "command_player": [{"file": script, "lockstep": True}],
         "motion_module": [{}, {"coordination": "tegotae", "gaze": "imu"}],
         "state_publisher": [{"use_truth": True}, {"use_truth": False}],
