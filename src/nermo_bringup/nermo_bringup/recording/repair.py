@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from nermo_bringup.recording.bag import METADATA_FILE, Topic, write_metadata
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.qos import Offer
 from nermo_bringup.recording.reader import recording_file
 from nermo_bringup.recording.salvage import Progress, Salvage, scan, write
+from nermo_description.parameter_files import ParameterError, parse_yaml
 
 BACKUP = ".orig"
 _NOTE = {"repaired": "the recorder was killed; this is all it had written"}
@@ -81,13 +80,17 @@ def _topic(salvage: Salvage, channel_id: int, path: Path) -> Topic:
     schema = salvage.schemas.get(channel.schema_id)
     if schema is None:
         raise RecordingError(f"{path}: the topic {channel.topic} has no schema: it is no ROS 2 recording")
-    offered = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or ()
+    try:
+        offered = parse_yaml(channel.metadata.get("offered_qos_profiles", ""), f"{path}: QoS of {channel.topic}") or ()
+        offers = [_offer(entry) for entry in offered]
+    except (ParameterError, KeyError, TypeError, ValueError) as error:
+        raise RecordingError(f"{path}: the QoS of {channel.topic} cannot be read: {error}") from error
     return Topic(
         channel.topic,
         schema.name,
         "",
         channel.metadata.get("topic_type_hash", ""),
-        [_offer(entry) for entry in offered],
+        offers,
         salvage.counts[channel_id],
     )
 
