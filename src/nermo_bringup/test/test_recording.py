@@ -14,6 +14,7 @@ from geometry_msgs.msg import Vector3
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
@@ -356,3 +357,27 @@ def test_a_dated_directory_is_always_new(tmp_path: Path) -> None:
         directory.mkdir()
         names.add(directory)
     assert len(names) == 3
+
+
+@pytest.mark.parametrize(
+    ("schema", "words"),
+    [
+        (b"\xff\xfe", "its schema cannot be read: 'utf-8' codec"),
+        (b"float64[ x", "its schema cannot be read: Could not parse"),
+        (b"nowhere/Thing thing", "its schema does not say what nowhere/msg/Thing is"),
+        (b"float64[100] x", "a message does not fit its schema"),
+    ],
+)
+def test_a_schema_that_cannot_be_used_is_said_with_file_and_topic(tmp_path: Path, schema: bytes, words: str) -> None:
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/thing", "cdr", writer.register_schema("a/msg/B", "ros2msg", schema))
+        writer.add_message(channel, log_time=1, publish_time=1, data=b"\x00\x01\x00\x00" + bytes(8))
+        writer.finish()
+    with pytest.raises(RecordingError) as error:
+        Recording(path).read()
+    said = str(error.value)
+    assert said.startswith(f"{path}: topic /thing of type a/msg/B: {words}")
+    assert len(said) < 500 and "\n" not in said

@@ -22,7 +22,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC as MAGIC
 from numpy.typing import NDArray
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 Array = NDArray[Any]
 
@@ -30,6 +30,9 @@ Array = NDArray[Any]
 class RecordingError(RuntimeError):
     """A recording cannot be written or read; the message is one sentence that names the file and the reason."""
 
+
+LONGEST_REASON = 200
+"""Characters of a library's words, which may repeat a whole schema."""
 
 _RECORD_HEADER = struct.Struct("<BQ")
 """Opcode and length of an MCAP record."""
@@ -141,11 +144,14 @@ class Recording:
         channels: dict[int, Channel] = {}
         for record in self._records():
             if isinstance(record, MessageRecord):
-                channel = channels[record.channel_id]
+                channel = channels.get(record.channel_id)
+                schema = None if channel is None else schemas.get(channel.schema_id)
+                if channel is None or schema is None:
+                    raise RecordingError(f"{self.path} is damaged: a message comes before its channel and schema")
                 if wanted is None or channel.topic in wanted:
                     yield RawMessage(
                         channel,
-                        schemas[channel.schema_id],
+                        schema,
                         record.log_time,
                         record.publish_time,
                         record.sequence,
@@ -162,7 +168,7 @@ class Recording:
         Raises:
             RecordingError: as `raw`, or a topic is not in the recording.
         """
-        decoder = _Decoder()
+        decoder = _Decoder(self.path)
         for message in self.raw(self._checked(topics)):
             yield message, decoder(message)
 
@@ -218,7 +224,7 @@ class Recording:
                     return
                 for record in StreamReader(file, emit_chunks=True).records:
                     if isinstance(record, Chunk):
-                        yield from breakup_chunk(record, validate_crc=True)
+                        yield from self._unpacked(record)
                     else:
                         yield record
                     if file.tell() >= end:
@@ -228,27 +234,43 @@ class Recording:
             raise RecordingError(f"{self.path} is no MCAP file") from None
         except OSError as error:
             raise RecordingError(f"cannot read {self.path}: {error.strerror}") from None
-        except (McapError, ValueError) as error:
-            raise RecordingError(f"{self.path} is damaged: {error}") from None
+        except (McapError, ValueError, OverflowError, struct.error) as error:
+            raise RecordingError(f"{self.path} is damaged: {' '.join(str(error).split())}") from None
+
+    def _unpacked(self, chunk: Chunk) -> list[McapRecord]:
+        try:
+            return breakup_chunk(chunk, validate_crc=True)
+        except Exception as error:  # each codec has errors of its own
+            raise RecordingError(f"{self.path} is damaged: {' '.join(str(error).split())}") from None
 
 
 class _Decoder:
     """Decodes messages by the schemas that the recording itself carries."""
 
-    def __init__(self) -> None:
+    def __init__(self, path: Path) -> None:
+        self._path = path
         self._types = get_typestore(Stores.EMPTY)
         self._known: set[str] = set()
 
     def __call__(self, message: RawMessage) -> Any:
         name = message.schema.name
         if name not in self._known:
-            types = get_types_from_msg(message.schema.data.decode(), name)
-            self._types.register({key: value for key, value in types.items() if key not in self._types.fielddefs})
+            try:
+                types = get_types_from_msg(message.schema.data.decode(), name)
+                self._types.register({key: value for key, value in types.items() if key not in self._types.fielddefs})
+            except (UnicodeDecodeError, TypesysError) as error:
+                raise self._unusable(message, f"its schema cannot be read: {error}") from error
             self._known.add(name)
         try:
             return self._types.deserialize_cdr(message.data, name)
-        except SerdeError as error:
-            raise RecordingError(f"a message of {message.topic} does not fit its type {name}: {error}") from None
+        except KeyError as error:
+            raise self._unusable(message, f"its schema does not say what {error.args[0]} is") from error
+        except (SerdeError, ValueError) as error:
+            raise self._unusable(message, f"a message does not fit its schema: {error}") from error
+
+    def _unusable(self, message: RawMessage, why: str) -> RecordingError:
+        text = " ".join(why.split())[:LONGEST_REASON]
+        return RecordingError(f"{self._path}: topic {message.topic} of type {message.schema.name}: {text}")
 
 
 def _end_of_whole_records(file: BinaryIO) -> int:

@@ -22,7 +22,6 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Footer, McapRecord, Schema, Statistics
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC as MAGIC
-from zstandard import ZstdError
 
 from nermo_bringup.recording.errors import RecordingError
 
@@ -33,7 +32,7 @@ _HEADER = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQ")
 """Channel, sequence and log time at the beginning of a message."""
 _COPY = 1 << 20
-_UNREADABLE = (McapError, ZstdError, ValueError, OverflowError, MemoryError, struct.error)
+_UNREADABLE = (McapError, ValueError, OverflowError, MemoryError, struct.error)
 """What the parts of a damaged file raise."""
 _COPIED = frozenset({Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.ATTACHMENT, Opcode.METADATA})
 
@@ -164,7 +163,7 @@ def _take_chunk(salvage: Salvage, data: mmap.mmap, begin: int, end: int) -> None
         stream, length = get_chunk_data_stream(chunk)
         content = stream.read(length)
         damaged = chunk.uncompressed_crc not in (0, zlib.crc32(content))
-    except _UNREADABLE:
+    except Exception:  # each codec has errors of its own
         damaged = True
     if damaged:
         salvage.damaged += 1
