@@ -11,14 +11,16 @@ import os
 import struct
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import InvalidMagic, McapError
-from mcap.records import Channel, Chunk, Footer, McapRecord, Schema
-from mcap.records import Message as MessageRecord
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Schema
+from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC as MAGIC
 from numpy.typing import NDArray
 from rosbags.serde import SerdeError
@@ -36,6 +38,9 @@ LONGEST_REASON = 200
 
 _RECORD_HEADER = struct.Struct("<BQ")
 """Opcode and length of an MCAP record."""
+_MESSAGE = struct.Struct("<HIQQ")
+"""Channel, sequence, log time and publish time, before a message's data."""
+_OUTSIDE_CHUNKS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,25 +147,26 @@ class Recording:
         wanted = None if topics is None else frozenset(topics)
         schemas: dict[int, Schema] = {}
         channels: dict[int, Channel] = {}
-        for record in self._records():
-            if isinstance(record, MessageRecord):
-                channel = channels.get(record.channel_id)
+        left_out: set[int] = set()
+        for opcode, content, begin, end in self._records():
+            if opcode == Opcode.MESSAGE:
+                number, sequence, log_time, publish_time = _MESSAGE.unpack_from(content, begin)
+                if number in left_out:
+                    continue
+                channel = channels.get(number)
                 schema = None if channel is None else schemas.get(channel.schema_id)
                 if channel is None or schema is None:
                     raise RecordingError(f"{self.path} is damaged: a message comes before its channel and schema")
-                if wanted is None or channel.topic in wanted:
-                    yield RawMessage(
-                        channel,
-                        schema,
-                        record.log_time,
-                        record.publish_time,
-                        record.sequence,
-                        record.data,
-                    )
-            elif isinstance(record, Channel):
-                channels[record.id] = record
-            elif isinstance(record, Schema):
-                schemas[record.id] = record
+                data = content[begin + _MESSAGE.size : end]
+                yield RawMessage(channel, schema, log_time, publish_time, sequence, data)
+            elif opcode == Opcode.CHANNEL:
+                channel = Channel.read(ReadDataStream(BytesIO(content[begin:end])))
+                channels[channel.id] = channel
+                if wanted is not None and channel.topic not in wanted:
+                    left_out.add(channel.id)
+            elif opcode == Opcode.SCHEMA:
+                schema = Schema.read(ReadDataStream(BytesIO(content[begin:end])))
+                schemas[schema.id] = schema
 
     def decoded(self, topics: Iterable[str] | None = None) -> Iterator[tuple[RawMessage, Any]]:
         """Messages of some topics together with their decoded form: objects with the fields as attributes.
@@ -216,20 +222,26 @@ class Recording:
                 raise RecordingError(f"{self.path} has no topic {name}; its topics: {', '.join(self.topics) or 'none'}")
         return wanted
 
-    def _records(self) -> Iterator[McapRecord]:
+    def _records(self) -> Iterator[tuple[int, bytes, int, int]]:
+        """Schemas, channels and messages, also those in chunks: opcode, bytes, and from where to where in them it is.
+
+        Plain offsets, since a recording has a million of them and most are not wanted.
+        """
         try:
             with self.path.open("rb") as file:
                 end = _end_of_whole_records(file)
-                if end == 0:
-                    return
-                for record in StreamReader(file, emit_chunks=True).records:
-                    if isinstance(record, Chunk):
-                        yield from self._unpacked(record)
+                file.seek(len(MAGIC))
+                while file.tell() < end:
+                    opcode, length = _RECORD_HEADER.unpack(file.read(_RECORD_HEADER.size))
+                    if opcode == Opcode.CHUNK:
+                        content = self._unpacked(file.read(length))
+                        yield from _records_of_chunk(content)
+                    elif opcode in _OUTSIDE_CHUNKS:
+                        yield opcode, file.read(length), 0, length
                     else:
-                        yield record
+                        file.seek(length, os.SEEK_CUR)
                     if file.tell() >= end:
-                        self.complete = isinstance(record, Footer) and file.read() == MAGIC
-                        return
+                        self.complete = opcode == Opcode.FOOTER and file.read() == MAGIC
         except InvalidMagic:
             raise RecordingError(f"{self.path} is no MCAP file") from None
         except OSError as error:
@@ -237,11 +249,21 @@ class Recording:
         except (McapError, ValueError, OverflowError, struct.error) as error:
             raise RecordingError(f"{self.path} is damaged: {' '.join(str(error).split())}") from None
 
-    def _unpacked(self, chunk: Chunk) -> list[McapRecord]:
+    def _unpacked(self, chunk: bytes) -> bytes:
         try:
-            return breakup_chunk(chunk, validate_crc=True)
+            stream, length = get_chunk_data_stream(Chunk.read(ReadDataStream(BytesIO(chunk))), validate_crc=True)
+            return stream.read(length)
         except Exception as error:  # each codec has errors of its own
             raise RecordingError(f"{self.path} is damaged: {' '.join(str(error).split())}") from None
+
+
+def _records_of_chunk(content: bytes) -> Iterator[tuple[int, bytes, int, int]]:
+    place, unpack, header = 0, _RECORD_HEADER.unpack_from, _RECORD_HEADER.size
+    while place + header <= len(content):
+        opcode, length = unpack(content, place)
+        begin = place + header
+        place = begin + length
+        yield opcode, content, begin, place
 
 
 class _Decoder:
