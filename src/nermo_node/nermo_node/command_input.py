@@ -41,7 +41,7 @@ class CommandInput:
         self._topics: list[str] = []
         self._names: dict[bytes, str] = {}
 
-    def subscribe(self, kind: type, topic: str, take: Take, profile: QoSProfile = qos.COMMAND) -> None:
+    def subscribe(self, kind: type, topic: str, take: Take, profile: QoSProfile = qos.COMMAND_INPUT) -> None:
         """Hands messages with a header over to `take`, those of the owner alone; a stamp of 0 becomes now."""
         name = kind_name(kind)
 
