@@ -94,9 +94,7 @@ def launch_file(
 
 @app.command()
 def up(
-    robot: Annotated[
-        str, typer.Option(help="nermo, nermo_lite, a mouse's parameter file, or cheetah_cub.")
-    ] = "nermo_lite",
+    robot: Annotated[str, typer.Option(help="nermo, nermo_lite, cheetah_cub, or a parameter file.")] = "nermo_lite",
     target: Annotated[
         str, typer.Option(help="sim: the MuJoCo twin. serial: the robot at a cable. link: over Wi-Fi.")
     ] = "sim",
@@ -133,9 +131,12 @@ for word in (demo, play, replay, repair):
 # Words that packages bring along: where each lives, and its line in the help. They are offered once they exist, and
 # imported when they are called.
 _WORDS = {
-    "experiment": ("nermo_sim.cli:experiment_app", "Run an experiment of the theses; its table stands beside theirs."),
+    "experiment": (
+        "nermo_sim.experiments.cli:experiment_app",
+        "Run an experiment of the theses; its table stands beside theirs.",
+    ),
     "bench": (
-        "nermo_sim.cli:bench_app",
+        "nermo_sim.bench.cli:bench_app",
         "Measure: tick, loop, graph, sensors, serial, link, faults, fuzz.",
     ),
     "optimize": ("nermo_sim.optimize.cli:optimize_app", "Search for better parameters."),

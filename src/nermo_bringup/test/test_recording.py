@@ -24,11 +24,11 @@ from nermo_bringup.recording.background import BackgroundWriter, Message
 from nermo_bringup.recording.bag import BagWriter, Topic
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.qos import MINIMUM_DEPTH, Offer, Request, request_for
-from nermo_bringup.recording.reader import Recording
 from nermo_bringup.recording.repair import repair
 from nermo_bringup.recording.schema import dependencies, ros2msg
 from nermo_bringup.recording.taps import LossCounter, TopicFilter, dated_directory
 from nermo_interfaces.msg import FootForces, ServoStates
+from nermo_node.recording import Recording
 
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 LATCHED = Offer(durability="transient_local", history="keep_last", depth=1)

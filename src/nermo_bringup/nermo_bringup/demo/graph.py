@@ -13,9 +13,9 @@ from pathlib import Path
 
 from nermo_bringup.launch.executables import find_executable
 from nermo_bringup.recording.errors import RecordingError
-from nermo_bringup.recording.reader import Recording
 from nermo_description.results import CommandError
 from nermo_node.loopback import loopback
+from nermo_node.recording import Recording
 
 STARTUP_S = 60.0
 """Patience with a graph that comes up; it takes a few seconds."""

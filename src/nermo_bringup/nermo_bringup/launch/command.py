@@ -9,7 +9,7 @@ from nermo_bringup.launch.description import load, load_arguments
 from nermo_bringup.launch.executables import find_executable, find_launch_file
 from nermo_bringup.launch.runner import launch
 from nermo_description.results import CommandError
-from nermo_description.robots import pantograph_names
+from nermo_description.robots import MOUSE, ParameterError, family_of
 
 MAIN_FILE = "nermo.launch.xml"
 TARGETS = ("sim", "serial", "link")
@@ -65,7 +65,11 @@ def bring_up(robot: str, target: str, record: str, words: Sequence[str]) -> int:
     """
     if target not in TARGETS:
         raise CommandError(f"--target {target} is not one of: {', '.join(TARGETS)}.", status=2)
-    if robot in pantograph_names() and target != "sim":
+    try:
+        family = family_of(robot)
+    except ParameterError as error:
+        raise CommandError(f"--robot: {error}", status=2) from error
+    if family != MOUSE and target != "sim":
         raise CommandError(
             f"--target {target}: there are no electronics for {robot}; --target sim walks its twin.", status=2
         )

@@ -38,10 +38,10 @@ def replay(
     from rich.table import Table
 
     from nermo_bringup.recording.errors import RecordingError
-    from nermo_bringup.recording.reader import Recording
     from nermo_bringup.recording.replay import POSE, recorded_robot, replay_controls, replay_servos
     from nermo_control.gait.knowledge_base import GaitParameters
     from nermo_description.robots import load_robot
+    from nermo_node.recording import Recording
 
     console = Console()
     try:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pydantic import BaseModel, ConfigDict, Field
 
 from nermo_control.lift import LIFTED_LEG
-from nermo_control.types import ControlCommand, Posture, SpineModes, TrajectoryMode
+from nermo_control.types import SPINE_FUNCTIONS, ControlCommand, Posture, SpineModes, TrajectoryMode
 
 SPEED_STEPS = 10
 FREQUENCY_STEP_HZ = 0.1
@@ -116,7 +116,7 @@ class Driver:
         )
 
     def __str__(self) -> str:
-        spine = [name for name in SpineModes.__slots__ if getattr(self.spine_modes, name)]
+        spine = [name for name in SPINE_FUNCTIONS if getattr(self.spine_modes, name)]
         return (
             f"{'EMERGENCY STOP' if self.stopped else self.posture.name.lower()}, speed {self.speed}/{SPEED_STEPS}, "
             f"gait {self.gait or 'default'}, {f'{self.gait_frequency:g} Hz' if self.gait_frequency else 'default Hz'}, "

@@ -13,9 +13,10 @@ import termios
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 from nermo_bringup.teleop.driver import Driver
-from nermo_control.types import ControlCommand, Posture
+from nermo_control.types import SPINE_FUNCTIONS, ControlCommand, Posture
 
 HOLD_S = 0.7
 """Longer than the usual delay before a held key repeats (0.25 to 0.66 s)."""
@@ -32,6 +33,9 @@ DIRECTIONS = {
 }
 """Forward and turn for each driving key."""
 
+SPINE_KEYS = dict(zip("tyuiop", SPINE_FUNCTIONS, strict=False))
+"""The spine function that each key switches."""
+
 HELP = {
     "w s a d": "forward, backward, left, right (or the arrow keys); hold to keep going",
     "q e": "forward and left, forward and right",
@@ -45,7 +49,7 @@ HELP = {
     "g": "next gait",
     "l": "hold a straight line, on and off",
     ", .": "trim to the left, to the right",
-    "t y u i": "spine: turning, stride extension, offset, balance; on and off",
+    " ".join(SPINE_KEYS): f"spine: {', '.join(SPINE_KEYS.values()).replace('_', ' ')}; on and off",
     "Esc, Ctrl-C": "leave",
 }
 
@@ -81,10 +85,7 @@ class KeyMapping:
             "l": self._toggle_line,
             ",": lambda: driver.change_trim(1),
             ".": lambda: driver.change_trim(-1),
-            "t": lambda: driver.toggle_spine("turning"),
-            "y": lambda: driver.toggle_spine("stride_extension"),
-            "u": lambda: driver.toggle_spine("offset_compensation"),
-            "i": lambda: driver.toggle_spine("balance_compensation"),
+            **{key: partial(driver.toggle_spine, name) for key, name in SPINE_KEYS.items()},
         }
 
     def press(self, key: str, now: float) -> None:

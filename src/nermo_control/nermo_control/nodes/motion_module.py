@@ -13,7 +13,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu as ImuMessage
 
 from nermo_control.gait.knowledge_base import GaitParameters
-from nermo_control.motion_module import MotionModule, MotionModuleConfig
+from nermo_control.motion.config import MotionModuleConfig
+from nermo_control.motion_module import MotionModule
 from nermo_control.nodes import conversions
 from nermo_control.nodes.gait_parameters import GaitParametersInput
 from nermo_control.nodes.robot import RobotChoice

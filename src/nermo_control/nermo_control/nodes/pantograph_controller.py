@@ -15,7 +15,7 @@ from nermo_control.nodes import conversions
 from nermo_control.pantograph_motion import PantographMotion, PantographMotionConfig, SavedGait, read_saved_gait
 from nermo_control.types import ControlCommand, LegLoads
 from nermo_description.pantograph import PantographParameters
-from nermo_description.robots import ParameterError, load_any_robot
+from nermo_description.robots import load_of_family
 from nermo_interfaces import msg
 from nermo_node import qos
 from nermo_node.command_input import CommandInput
@@ -61,9 +61,7 @@ class PantographControllerNode(Node):
         super().__init__("pantograph_controller")
         parameters = declare(self, PantographControllerParameters)
         with blame("robot"):
-            robot = load_any_robot(parameters.robot)
-            if not isinstance(robot, PantographParameters):
-                raise ParameterError(f"robot {parameters.robot!r} has no pantograph legs; a mouse has motion_module")
+            robot = load_of_family(PantographParameters, parameters.robot)
         with blame("gait_file"):
             saved = read_saved_gait(Path(parameters.gait_file)) if parameters.gait_file else SavedGait()
         self._servos = conversions.ServoArrays(robot)

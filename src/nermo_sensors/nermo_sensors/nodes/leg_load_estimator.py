@@ -11,7 +11,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
 
-from nermo_description.pantograph import PantographParameters
 from nermo_description.parameters import LEGS
 from nermo_description.robots import load_any_robot
 from nermo_interfaces.msg import LegLoads, LegStates, Tactile
@@ -85,7 +84,7 @@ class LegLoadEstimatorNode(Node):
             self._feet = load_tactile(parameters.feet) if parameters.feet else tactile_of_robot(parameters.robot)
         with blame("robot"):
             robot = load_any_robot(parameters.robot)
-        self._mass = robot.mass if isinstance(robot, PantographParameters) else robot.masses.total
+        self._mass = robot.total_mass
         self._estimator = LegLoadEstimator(self._feet, parameters.estimator)
         self._weigh = parameters.weigh
         self._weight: tuple[int, float] | None = None

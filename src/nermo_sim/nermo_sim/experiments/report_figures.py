@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -19,14 +18,6 @@ from nermo_sim.plots import spreads
 
 WIDTH = 9.0
 """[in]"""
-
-
-def svg(figure: Figure) -> str:
-    """A figure as an SVG element, without the XML head."""
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]
 
 
 def speeds(facts: dict[str, Any]) -> Figure | None:
