@@ -78,8 +78,6 @@ FOOT_TRAVEL = Range(-1.0, 1.0, "m")
 """What one term of a foot's cubic may add over half its time."""
 FOOT_VELOCITY = Range(-10.0, 10.0, "m/s")
 PHASE_DURATION = Range(1e-6, 100.0, "s")
-FORCE = Range(-1000.0, 1000.0, "N")
-"""Of a push on the twin."""
 AXIS = Range(-1.0, 1.0, "(axis)")
 STAMP_SECONDS = Range(0.0, 2**31 - 1 - 86_400, "s")
 """Of a stamp. What is reckoned a little ahead of it still fits into one."""
