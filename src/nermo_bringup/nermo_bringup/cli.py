@@ -145,7 +145,7 @@ _WORDS = {
     ),
     "bench": (
         "nermo_sim.bench.cli:bench_app",
-        "Measure how fast things are: tick, loop, graph, sensors, serial, link, faults.",
+        "Measure: tick, loop, graph, sensors, serial, link, faults, fuzz.",
     ),
     "optimize": ("nermo_sim.optimize.cli:optimize_app", "Search for better parameters."),
     "calibrate": ("nermo_sim.calibrate.cli:calibrate_app", "Fit the physical numbers that the thesis does not print."),
@@ -156,7 +156,10 @@ _WORDS = {
 
 
 # Things whose bench lives in another package than the others'.
-_BENCHES = dict.fromkeys(("serial", "link", "faults"), "nermo_hw.cli:bench_app")
+_BENCHES = {
+    **dict.fromkeys(("serial", "link", "faults"), "nermo_hw.cli:bench_app"),
+    "fuzz": "nermo_bringup.fuzz.cli:bench_app",
+}
 
 
 def _offer_word(word: str, place: str, help_text: str) -> None:

@@ -16,6 +16,7 @@ from nermo_bringup.teleop.driver import Driver
 from nermo_control.nodes.conversions import odometry_from_message
 from nermo_interfaces.msg import ControlCommand, ServoCommand
 from nermo_node import qos
+from nermo_node.complaints import Complaints
 
 FRESH_S = 0.5
 """A command that is older commands no more."""
@@ -32,7 +33,7 @@ class Drive(Node):
         super().__init__("drive", namespace=namespace)
         self._driver = driver
         self.odometer = Odometer()
-        self.operator = Operator(self, driver, lambda: self.time_ns)
+        self.operator = Operator(self, driver, Complaints(self, "refused").add_one, lambda: self.time_ns)
         self.time_ns = 0
         """Of the twin; 0 until it has begun."""
         self.fallen = False

@@ -18,6 +18,8 @@ from nermo_bringup.nodes.operator import Operator
 from nermo_bringup.teleop.driver import Driver, Limits
 from nermo_bringup.teleop.keyboard import HELP, KeyMapping, raw_terminal, read_keys
 from nermo_node import run
+from nermo_node.complaints import Complaints
+from nermo_node.diagnostics import Diagnostics
 from nermo_node.parameters import declare
 
 COMMAND_PERIOD_S = 0.05
@@ -32,8 +34,10 @@ class KeyboardTeleop(Node):
         super().__init__("keyboard_teleop")
         self._driver = Driver(declare(self, Limits))
         self._mapping = KeyMapping(self._driver)
-        self._operator = Operator(self, self._driver)
+        refused = Complaints(self, "refused")
+        self._operator = Operator(self, self._driver, refused.add_one)
         self._last = "none"
+        Diagnostics(self, "keyboard", {"messages": refused.status})
         self._input = sys.stdin.fileno()
         self._terminal.enter_context(raw_terminal(self._input))
         self._live = self._terminal.enter_context(

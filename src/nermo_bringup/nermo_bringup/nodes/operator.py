@@ -18,6 +18,7 @@ from nermo_interfaces.msg import GaitParameters
 from nermo_node import qos
 from nermo_node.emergency_stop_input import TOPIC
 from nermo_node.graph_clock import GraphClock
+from nermo_node.inputs import Inputs
 
 RELEASE_ATTEMPTS = 40
 """A release may come before the end of the stop that it is for, by another way."""
@@ -26,10 +27,13 @@ RELEASE_ATTEMPTS = 40
 class Operator:
     """Publishes `control_command` and, when it changes, `emergency_stop`; asks for the release that standing means.
 
-    `send` is to be called at a steady rate. `stamp` gives the stamp [ns] of a command of now; None: as `GraphClock`.
+    `send` is to be called at a steady rate. `refuse` gets a sentence for every message that cannot be used. `stamp` gives
+    the stamp [ns] of a command of now; None: as `GraphClock`.
     """
 
-    def __init__(self, node: Node, driver: Driver, stamp: Callable[[], int] | None = None) -> None:
+    def __init__(
+        self, node: Node, driver: Driver, refuse: Callable[[str], None], stamp: Callable[[], int] | None = None
+    ) -> None:
         self._node, self._driver = node, driver
         self.stamp = stamp or GraphClock(node).stamp
         self._commands = node.create_publisher(ControlCommandMessage, "control_command", qos.COMMAND)
@@ -38,7 +42,7 @@ class Operator:
         self._stopped = False
         self._attempts = 0
         self._answer: Future | None = None
-        node.create_subscription(GaitParameters, "gait_parameters", self._on_gaits, qos.LATCHED)
+        Inputs(node, refuse).subscribe(GaitParameters, "gait_parameters", self._on_gaits, qos.LATCHED)
 
     def send(self, command: ControlCommand | None) -> None:
         """Says whether this source stops the robot, and gives a command if there is one."""

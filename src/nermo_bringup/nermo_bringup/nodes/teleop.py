@@ -15,6 +15,9 @@ from nermo_bringup.teleop.driver import Driver, Limits
 from nermo_bringup.teleop.mapping import JOY_TIMEOUT_S, PadMapping
 from nermo_bringup.teleop.pads import load_pad
 from nermo_node import run
+from nermo_node.complaints import Complaints
+from nermo_node.diagnostics import Diagnostics
+from nermo_node.inputs import Inputs
 from nermo_node.parameters import declare
 
 COMMAND_PERIOD_S = 0.05
@@ -39,9 +42,11 @@ class Teleop(Node):
         parameters = declare(self, TeleopParameters)
         self._driver = Driver(parameters)
         self._mapping = PadMapping(load_pad(parameters.pad), self._driver, parameters.joy_timeout)
-        self._operator = Operator(self, self._driver)
+        refused = Complaints(self, "refused")
+        self._operator = Operator(self, self._driver, refused.add_one)
         self._shown = ""
-        self.create_subscription(Joy, "joy", self._joy, 10)
+        Inputs(self, refused.add_one).subscribe(Joy, "joy", self._joy, 10)
+        Diagnostics(self, parameters.pad, {"messages": refused.status})
         # A person lets go in real time, whatever the simulation's clock does.
         self.create_timer(COMMAND_PERIOD_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 

@@ -21,6 +21,7 @@ from nermo_node import qos
 from nermo_node.command_input import CommandInput
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import OK, WARN, Diagnostics, Status, Ticks
+from nermo_node.inputs import Inputs
 from nermo_node.parameters import blame, declare
 from nermo_node.run import run
 from nermo_node.time import to_nanoseconds
@@ -76,16 +77,15 @@ class PantographControllerNode(Node):
         self._leg_states = self.create_publisher(msg.LegStates, "leg_states", qos.EVENT)
         self._commands = CommandInput(
             self,
-            lambda text: self._refused.add([text]),
+            self._refused.add_one,
             self._time,
             oldest=None if parameters.lockstep else parameters.silence_timeout,
         )
         self._commands.subscribe(msg.ControlCommand, "control_command", self._on_control_command)
+        inputs = Inputs(self, self._refused.add_one)
         if parameters.coordination == "tegotae":
-            self.create_subscription(msg.LegLoads, "leg_loads", self._on_leg_loads, qos.BEST_EFFORT)
-        self.create_subscription(
-            msg.ServoStates, "servo_states", self._on_servo_states, qos.sensor_input(parameters.lockstep)
-        )
+            inputs.subscribe(msg.LegLoads, "leg_loads", self._on_leg_loads, qos.BEST_EFFORT)
+        inputs.subscribe(msg.ServoStates, "servo_states", self._on_servo_states, qos.sensor_input(parameters.lockstep))
         Diagnostics(
             self,
             robot.name,
@@ -105,17 +105,10 @@ class PantographControllerNode(Node):
         self._command = conversions.control_command_from_message(message)
 
     def _on_leg_loads(self, message: msg.LegLoads) -> None:
-        try:
-            self._loads = conversions.leg_loads_from_message(message)
-        except ValueError as error:
-            self._refused.add([f"leg_loads refused: {error}"])
+        self._loads = conversions.leg_loads_from_message(message)
 
     def _on_servo_states(self, message: msg.ServoStates) -> None:
-        try:
-            positions = self._servos.positions(message)
-        except ValueError as error:
-            self._refused.add([f"servo_states refused: {error}"])
-            return
+        positions = self._servos.positions(message)
         self._stamp = stamp = to_nanoseconds(message.header.stamp)
         output = self._motion.step(stamp, self._command, positions, self._loads)
         self._servo_commands.publish(self._servos.command(stamp, output.servo_positions))
