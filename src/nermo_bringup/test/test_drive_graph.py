@@ -76,6 +76,15 @@ def test_a_signal_while_the_graph_comes_up_leaves_nothing_behind(at, number: int
     assert "Traceback" not in terminal.text
 
 
+def test_nothing_survives_a_drive_that_is_killed_outright(at) -> None:
+    terminal = at("--no-record")
+    domain = os.environ["ROS_DOMAIN_ID"]
+    terminal.until(lambda: bool(left_running(domain)), "the first node is there")
+    terminal.process.kill()
+    while left_running(domain):
+        terminal.read()
+
+
 def test_a_scene_that_does_not_exist_is_said_in_one_sentence(at) -> None:
     terminal = at("--scene", "moon", "--no-record")
     assert terminal.end() == 2

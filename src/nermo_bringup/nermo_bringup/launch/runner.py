@@ -34,7 +34,7 @@ _STAMPS = re.compile(r"\x1b\[[0-9;]*m|^(\[[^]]*\] ?)+: ")
 """What stands before the sentence in a line of ROS's log, and its colours."""
 
 
-def _lead_own_life(parent: int) -> Callable[[], None]:
+def lead_own_life(parent: int) -> Callable[[], None]:
     """What a child does before it becomes a node: reacts to SIGINT, and dies when its parent is gone.
 
     A shell in the background hands on an ignored SIGINT, which a program inherits and Python then never notices.
@@ -130,7 +130,7 @@ class Runner:
                     stderr=asyncio.subprocess.PIPE,
                     env={**os.environ, **self._terminal_settings(), **node.environment},
                     start_new_session=True,
-                    preexec_fn=_lead_own_life(os.getpid()),
+                    preexec_fn=lead_own_life(os.getpid()),
                 )
             except OSError as error:
                 self._failed.append(f"{label} cannot be started: {command[0]}: {error.strerror}.")

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from nermo_bringup.launch.executables import find_executable
+from nermo_bringup.launch.runner import lead_own_life
 from nermo_bringup.recording.errors import RecordingError
 from nermo_description.results import CommandError
 from nermo_node.recording import Recording
@@ -113,6 +114,7 @@ def running_graph(arguments: Mapping[str, str], log: Path, domain: int | None = 
             stderr=subprocess.STDOUT,
             env=environment,
             start_new_session=True,
+            preexec_fn=lead_own_life(os.getpid()),
         )
         try:
             yield Graph(process, log, environment)
