@@ -27,8 +27,8 @@ RELEASE_ATTEMPTS = 40
 class Operator:
     """Publishes `control_command` and, when it changes, `emergency_stop`; asks for the release that standing means.
 
-    `send` is to be called at a steady rate. `refuse` gets a sentence for every message that cannot be used. `stamp` gives
-    the stamp [ns] of a command of now; None: as `GraphClock`.
+    `send` is to be called at a steady rate. `refuse` gets a sentence for every message that cannot be used. `stamp`
+    gives the stamp [ns] of a command of now; None: as `GraphClock`.
     """
 
     def __init__(
