@@ -46,7 +46,7 @@ def pytest_configure(config):
     sys.path.extend(map(str, sorted(Path(__file__).parent.glob("src/*/test"))))
     os.environ["ROS_DOMAIN_ID"] = str(_lease_domain())
     if importlib.util.find_spec("rclpy"):
-        from nermo_node.loopback import loopback
+        from nermo_node.network import loopback
 
         os.environ.update(loopback(os.environ))
     os.environ.setdefault("ROS_LOG_DIR", os.path.join(tempfile.gettempdir(), "nermo_test_logs"))

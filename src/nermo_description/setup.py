@@ -12,7 +12,6 @@ setup(
         package_name: [
             "py.typed",
             "robots/*.yaml",
-            "robots/*/*.yaml",
             "scenes/*.xml",
             "mjcf/*.xml",
             "mjcf/*/*.xml",
@@ -36,6 +35,7 @@ setup(
         "console_scripts": [
             f"export_urdf = {package_name}.scripts.export_urdf:main",
             f"generate_meshes = {package_name}.scripts.generate_meshes:main",
+            f"robot_family = {package_name}.scripts.robot_family:main",
         ]
     },
 )

@@ -9,13 +9,16 @@ import signal
 import sys
 import traceback
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from nermo_bringup.demo.cli import demo
+from nermo_bringup.drive.cli import drive
+from nermo_bringup.network import NetworkOption, use_network
 from nermo_bringup.recording.cli import repair, replay
 from nermo_bringup.teleop.cli import play
+from nermo_description import invocation
 from nermo_description.results import CommandError
 
 _HELP_NAMES = {"help_option_names": ["-h", "--help"]}
@@ -57,16 +60,17 @@ def run_tests(
 
 
 @app.command(context_settings={**_PASS_ON, "allow_interspersed_args": False})
-def run(context: typer.Context, package: str, executable: str) -> None:
+def run(context: typer.Context, package: str, executable: str, network: NetworkOption = None) -> None:
     """Run one executable of a package, as `ros2 run` does.
 
     \b
     nermo run nermo_sim mujoco_sim --ros-args -p robot:=nermo
-    nermo run nermo_bringup keyboard_teleop
+    nermo run nermo_bringup keyboard_teleop --ros-args -r __ns:=/nermo
     """
     from nermo_bringup.launch.executables import find_executable
 
     path = find_executable(package, executable)
+    use_network(network)
     # A shell in the background hands on an ignored SIGINT, which Python would never notice.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     os.execv(path, [str(path), *context.args])
@@ -78,6 +82,7 @@ def launch_file(
     file: Annotated[str | None, typer.Argument(help="Name of a launch file of the package.")] = None,
     arguments: Annotated[list[str] | None, typer.Argument(metavar="[NAME:=VALUE]...")] = None,
     show_args: Annotated[bool, typer.Option("--show-args", "-s", help="Show the file's arguments only.")] = False,
+    network: NetworkOption = None,
 ) -> None:
     """Start the nodes of an XML launch file, as `ros2 launch` does, until Ctrl-C.
 
@@ -89,18 +94,19 @@ def launch_file(
     from nermo_bringup.launch.command import launch_words
 
     words = [word for word in (file, *(arguments or [])) if word is not None]
+    if not show_args:
+        use_network(network)
     raise typer.Exit(launch_words(package, words, show_args=show_args))
 
 
 @app.command()
 def up(
-    robot: Annotated[
-        str, typer.Option(help="nermo, nermo_lite, a mouse's parameter file, or cheetah_cub.")
-    ] = "nermo_lite",
+    robot: Annotated[str, typer.Option(help="nermo, nermo_lite, cheetah_cub, or a parameter file.")] = "nermo_lite",
     target: Annotated[
         str, typer.Option(help="sim: the MuJoCo twin. serial: the robot at a cable. link: over Wi-Fi.")
     ] = "sim",
     record: Annotated[str, typer.Option(metavar="DIR", help="Record every topic into this folder.")] = "",
+    network: NetworkOption = None,
     arguments: Annotated[list[str] | None, typer.Argument(metavar="[NAME:=VALUE]...")] = None,
 ) -> None:
     """Bring the whole graph up and keep it up until Ctrl-C.
@@ -115,7 +121,7 @@ def up(
     """
     from nermo_bringup.launch.command import bring_up
 
-    raise typer.Exit(bring_up(robot, target, record, arguments or []))
+    raise typer.Exit(bring_up(robot, target, record, arguments or [], network))
 
 
 @app.command(context_settings=_PASS_ON, add_help_option=False)
@@ -126,17 +132,20 @@ def doctor(context: typer.Context) -> None:
     raise typer.Exit(doctor.main(context.args))
 
 
-for word in (demo, play, replay, repair):
+for word in (drive, demo, play, replay, repair):
     app.command()(word)
 
 
 # Words that packages bring along: where each lives, and its line in the help. They are offered once they exist, and
 # imported when they are called.
 _WORDS = {
-    "experiment": ("nermo_sim.cli:experiment_app", "Run an experiment of the theses; its table stands beside theirs."),
+    "experiment": (
+        "nermo_sim.experiments.cli:experiment_app",
+        "Run an experiment of the theses; its table stands beside theirs.",
+    ),
     "bench": (
-        "nermo_sim.cli:bench_app",
-        "Measure how fast things are: tick, loop, graph, sensors, serial, link, faults.",
+        "nermo_sim.bench.cli:bench_app",
+        "Measure: tick, loop, graph, sensors, serial, link, faults, fuzz.",
     ),
     "optimize": ("nermo_sim.optimize.cli:optimize_app", "Search for better parameters."),
     "calibrate": ("nermo_sim.calibrate.cli:calibrate_app", "Fit the physical numbers that the thesis does not print."),
@@ -147,7 +156,10 @@ _WORDS = {
 
 
 # Things whose bench lives in another package than the others'.
-_BENCHES = dict.fromkeys(("serial", "link", "faults"), "nermo_hw.cli:bench_app")
+_BENCHES = {
+    **dict.fromkeys(("serial", "link", "faults"), "nermo_hw.cli:bench_app"),
+    "fuzz": "nermo_bringup.fuzz.cli:bench_app",
+}
 
 
 def _offer_word(word: str, place: str, help_text: str) -> None:
@@ -168,7 +180,7 @@ def _offer_word(word: str, place: str, help_text: str) -> None:
             there = getattr(importlib.import_module(module), attribute)
         except ImportError as error:
             raise CommandError(f"nermo {word} cannot start, a part of it is missing: {error}.") from error
-        there(args=args, prog_name=f"nermo {word}")
+        _as_called(there)(args=args, prog_name=f"{invocation.called()} {word}")
 
     settings = {**_PASS_ON, "allow_interspersed_args": False}
     app.command(word, help=help_text, context_settings=settings, add_help_option=False)(call)
@@ -193,15 +205,37 @@ def main() -> None:
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _end)
     try:
-        app(prog_name="nermo")
+        _as_called(app)(prog_name=os.environ.setdefault(invocation.VARIABLE, invocation.called()))
     except CommandError as error:
-        print(f"nermo: {error}", file=sys.stderr)
+        print(f"nermo: {_spelled(str(error))}", file=sys.stderr)
         sys.exit(error.status)
     except Exception as error:
         if os.environ.get("NERMO_DEBUG"):
             traceback.print_exc()
-        print(f"nermo: {_sentence(error)}", file=sys.stderr)
+        print(f"nermo: {_spelled(_sentence(error))}", file=sys.stderr)
         sys.exit(1)
+
+
+def _spelled(text: str) -> str:
+    """A text about our words, with the command as this person calls it."""
+    return invocation.spelled(text, typer.main.get_group(app).commands)
+
+
+def _as_called(part: typer.Typer) -> Any:
+    """The command of a typer app whose help can be typed as it stands."""
+
+    def respell(command: Any) -> None:
+        for text in ("help", "epilog", "short_help"):
+            setattr(command, text, _spelled(getattr(command, text) or "") or None)
+        for parameter in command.params:
+            if said := getattr(parameter, "help", None):
+                setattr(parameter, "help", _spelled(said))  # noqa: B010 - only options have it
+        for inner in getattr(command, "commands", {}).values():
+            respell(inner)
+
+    command = typer.main.get_command(part)
+    respell(command)
+    return command
 
 
 def _end(number: int, frame: object) -> None:

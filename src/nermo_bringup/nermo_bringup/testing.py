@@ -14,6 +14,8 @@ from xml.etree import ElementTree
 
 _NOTHING_COLLECTED = 5
 _USAGE_ERROR = 4
+CHECKS = {"style": ["ruff", "check"], "format": ["ruff", "format", "--check"], "types": ["mypy"]}
+"""What is checked before the tests; `.pre-commit-config.yaml` has the same."""
 
 
 @dataclass
@@ -62,11 +64,7 @@ def run_all(root: Path, *, quick: bool, pytest_arguments: Sequence[str]) -> int:
     started = time.monotonic()
     complaints: list[str] = []
     if not pytest_arguments:
-        for name, arguments in (
-            ("style", ["ruff", "check"]),
-            ("format", ["ruff", "format", "--check"]),
-            ("types", ["mypy"]),
-        ):
+        for name, arguments in CHECKS.items():
             _announce(f"{name}: {' '.join(arguments)}")
             if subprocess.run([sys.executable, "-m", *arguments], cwd=root).returncode != 0:
                 complaints.append(name)
@@ -94,9 +92,7 @@ def run_all(root: Path, *, quick: bool, pytest_arguments: Sequence[str]) -> int:
         print("nermo: no test fits these arguments.", file=sys.stderr)
         return 1
     verdicts = (
-        ""
-        if pytest_arguments
-        else "".join(f"; {name} {'failed' if name in complaints else 'ok'}" for name in ("style", "format", "types"))
+        "" if pytest_arguments else "".join(f"; {name} {'failed' if name in complaints else 'ok'}" for name in CHECKS)
     )
     print(f"{count} in {time.monotonic() - started:.0f} s{verdicts}", flush=True)
     return int(bool(count.failed or count.errors or complaints))

@@ -1,6 +1,7 @@
 """The set-up: what must be built, what it says when something is missing, and the doctor."""
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -8,12 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from nermo_bringup.environment import checks
+from nermo_bringup.environment import checks, steps
 from nermo_bringup.environment.checkout import checkout_root
 from nermo_bringup.environment.python_packages import Environment
 from nermo_bringup.environment.ros import World, find_world
 from nermo_bringup.environment.steps import SetupError
 from nermo_bringup.environment.workspace import Workspace
+from nermo_description.invocation import VARIABLE
 
 STAMP = {"python": "this one"}
 SETUP = """
@@ -26,6 +28,22 @@ MANIFEST = """
 <maintainer email="a@b.example">a</maintainer><license>Apache-2.0</license>
 <export><build_type>ament_python</build_type></export></package>
 """
+
+
+def test_a_long_step_gives_signs_of_life(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(steps, "SIGN_OF_LIFE_S", 0.01)
+    gate = tmp_path / "gate"
+    os.mkfifo(gate)
+    asked = []
+
+    def present():
+        asked.append(1)
+        if len(asked) == 3:
+            gate.write_text("go on")
+        return "building toys"
+
+    steps.step("long", ["cat", str(gate)], present=present)
+    assert capsys.readouterr().err.count("nermo:   building toys (") >= 3
 
 
 @pytest.fixture
@@ -217,11 +235,13 @@ def test_wrong_usage_ends_with_one_sentence(arguments, status, last):
     assert last is None or result.stderr.splitlines()[-1] == last
 
 
-def test_help_of_every_word_has_an_example():
+def test_help_of_every_word_has_an_example_that_can_be_typed_as_it_stands(monkeypatch):
     from nermo_bringup.cli import app
 
+    monkeypatch.setenv(VARIABLE, "../there/nermo")
     for command in app.registered_commands:
         name = command.name or command.callback.__name__
         result = subprocess.run([sys.executable, "-m", "nermo_bringup", name, "--help"], capture_output=True, text=True)
         assert result.returncode == 0, result.stderr
-        assert f"nermo {name.replace('_', '-')}" in result.stdout
+        assert f"../there/nermo {name.replace('_', '-')}" in result.stdout
+        assert not [line for line in result.stdout.splitlines() if line.strip().startswith("nermo ")]

@@ -166,3 +166,13 @@ def test_substitutions_nest_and_take_quotes(monkeypatch):
     assert substitute("$(equals '$(var a)' \"$(env NERMO_TEST_WORD)\")") in ("true", "false")
     assert substitute("$(and $(not false) $(equals $(var a) $(env NERMO_TEST_WORD)))") == "true"
     assert substitute("$(env NERMO_TEST_NOTHING none)$(dirname)") == "none/folder"
+    assert substitute("<$(command 'printf %s \"$(var a)\"')>") == "<b c>"
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [("nermo_no_such_program", "cannot be run"), ("ls /no_such_folder", "no_such_folder"), ("false", "status 1")],
+)
+def test_a_command_that_fails_is_an_error(line, message):
+    with pytest.raises(SubstitutionError, match=message):
+        Substituter({}, Path("/folder"))(f"$(command '{line}')")

@@ -176,12 +176,13 @@ def test_failure_of_a_node_is_the_failure_of_the_launch(prefix):
 
 
 def test_node_that_refuses_its_parameters_ends_the_launch(prefix):
-    prefix.executable("picky", "print('parameter seed = x'); raise SystemExit(2)")
+    line = "[FATAL] [1795509620.298601773] [nermo.picky]: parameter seed = x"
+    prefix.executable("picky", f"print({line!r}); raise SystemExit(2)")
     prefix.executable("patient", PATIENT)
     body = nodes("picky", respawn="true", respawn_delay="0.1") + nodes("patient")
     status, output = Launched(prefix.launch_file(body)).end()
     assert status == 2
-    assert output.splitlines()[-1] == "nermo: picky refused what it was given: see above."
+    assert output.splitlines()[-1] == "nermo: picky refused what it was given: parameter seed = x"
     assert output.count("started with process id") == 2
 
 
@@ -195,13 +196,17 @@ def test_long_and_unfinished_lines_come_whole(prefix):
 
 def test_node_that_is_interrupted_while_it_starts_shows_no_traceback(prefix):
     prefix.executable("slow", "import signal\nprint('importing', flush=True)\nsignal.pause()")
+    odd = 'Traceback (most recent call last):\\n  File "made", line 1\\n\\nKeyboardInterrupt'
+    code = f"import signal, sys\nsignal.signal(2, lambda *_: sys.exit('{odd}'))\n"
+    code += "print('waits', flush=True)\nsignal.pause()"
+    prefix.executable("odd", code)
     code = "import signal\ntry:\n    print('ready', flush=True); signal.pause()\nfinally:\n    raise ValueError('why')"
     prefix.executable("wrong", code)
-    launched = Launched(prefix.launch_file(nodes("slow", "wrong")))
-    launched.wait_for("importing", "ready")
+    launched = Launched(prefix.launch_file(nodes("slow", "odd", "wrong")))
+    launched.wait_for("importing", "waits", "ready")
     launched.process.send_signal(signal.SIGINT)
     _, output = launched.end()
-    assert not [line for line in output.splitlines() if line.startswith("[slow]") and "Traceback" in line]
+    assert not [line for line in output.splitlines() if not line.startswith("[wrong]") and "Traceback" in line]
     assert "[wrong] ValueError: why" in output
 
 

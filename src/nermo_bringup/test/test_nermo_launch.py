@@ -90,6 +90,18 @@ def test_wrong_target_is_refused():
         load(FILE, {"target": "moon"})
 
 
+def test_a_robot_s_file_decides_on_its_controller(tmp_path):
+    robot = tmp_path / "my cub.yaml"
+    robot.write_text("base: cheetah_cub\nname: my_cub\n")
+    nodes = {node.name for node in load(FILE, {"robot": str(robot)}).nodes}
+    assert "pantograph_controller" in nodes
+    assert not CONTROL & nodes
+    with pytest.raises(LaunchError, match="robot 'elephant' does not exist; known are cheetah_cub, nermo, nermo_lite"):
+        load(FILE, {"robot": "elephant"})
+    with pytest.raises(CommandError, match="--robot: robot 'elephant' does not exist"):
+        bring_up("elephant", "sim", "", [])
+
+
 def test_cheetah_cub_has_no_electronics():
     with pytest.raises(CommandError, match="--target serial: there are no electronics for cheetah_cub"):
         bring_up("cheetah_cub", "serial", "", [])

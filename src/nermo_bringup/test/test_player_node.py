@@ -69,6 +69,6 @@ def test_a_wrong_file_ends_the_player_with_one_sentence(graph, tmp_path: Path) -
     path.write_text("commands: [{at: 0, gait_frequency: 50}]")
     player = graph.start(PLAYER, *graph.parameters(file=str(path)))
     output, _ = player.communicate(timeout=30)
-    assert player.returncode == 1
+    assert player.returncode == 2
     assert f"{path}: commands.0.gait_frequency: is 50" in output
     assert "Traceback" not in output

@@ -13,9 +13,9 @@ from rosbags.highlevel import AnyReader
 from std_msgs.msg import String
 
 from nermo_bringup.recording.errors import RecordingError
-from nermo_bringup.recording.reader import Recording
 from nermo_bringup.recording.repair import repair
 from nermo_node import qos
+from nermo_node.recording import Recording
 
 RECORDER = "nermo_bringup.nodes.recorder"
 BURST = QoSProfile(depth=300, reliability=ReliabilityPolicy.RELIABLE)

@@ -14,6 +14,7 @@ from geometry_msgs.msg import Vector3
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
@@ -23,11 +24,11 @@ from nermo_bringup.recording.background import BackgroundWriter, Message
 from nermo_bringup.recording.bag import BagWriter, Topic
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.qos import MINIMUM_DEPTH, Offer, Request, request_for
-from nermo_bringup.recording.reader import Recording
 from nermo_bringup.recording.repair import repair
 from nermo_bringup.recording.schema import dependencies, ros2msg
 from nermo_bringup.recording.taps import LossCounter, TopicFilter, dated_directory
 from nermo_interfaces.msg import FootForces, ServoStates
+from nermo_node.recording import Recording
 
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 LATCHED = Offer(durability="transient_local", history="keep_last", depth=1)
@@ -188,8 +189,12 @@ def test_a_cut_file_is_read_up_to_the_cut_and_repaired(tmp_path: Path, cut: int)
     assert len(texts) < 40 or cut < 100
     assert texts == [f"text {number}" for number in range(len(texts))]
 
-    assert repair(tmp_path / "walk") == len(texts)
-    assert sorted(path.name for path in (tmp_path / "walk").iterdir()) == ["metadata.yaml", "walk_0.mcap"]
+    cut_file = bag.path.read_bytes()
+    done = repair(tmp_path / "walk")
+    assert done.message_count == len(texts)
+    assert done.backup is not None and done.backup.read_bytes() == cut_file
+    names = sorted(path.name for path in (tmp_path / "walk").iterdir())
+    assert names == ["metadata.yaml", "walk_0.mcap", "walk_0.mcap.orig"]
     assert Recording(tmp_path / "walk").complete
     with AnyReader([tmp_path / "walk"]) as reader:
         assert [reader.deserialize(data, connection.msgtype).data for connection, _, data in reader.messages()] == texts
@@ -201,16 +206,17 @@ def test_repair_leaves_a_whole_recording_alone(tmp_path: Path) -> None:
     write_text(bag, 5)
     bag.close()
     before = bag.path.read_bytes()
-    assert repair(tmp_path / "walk") == 5
+    done = repair(tmp_path / "walk")
+    assert (done.message_count, done.backup) == (5, None)
     assert bag.path.read_bytes() == before
 
 
-def test_repair_of_a_renamed_recording_leaves_one_file(tmp_path: Path) -> None:
+def test_repair_of_a_renamed_recording_keeps_the_name_of_its_file(tmp_path: Path) -> None:
     bag = BagWriter(tmp_path / "walk")
     write_text(bag, 5)
     bag.flush()
     (tmp_path / "walk").rename(tmp_path / "trot")
-    assert repair(tmp_path / "trot") == 5
+    assert repair(tmp_path / "trot").message_count == 5
     with AnyReader([tmp_path / "trot"]) as reader:
         assert reader.message_count == 5
 
@@ -351,3 +357,27 @@ def test_a_dated_directory_is_always_new(tmp_path: Path) -> None:
         directory.mkdir()
         names.add(directory)
     assert len(names) == 3
+
+
+@pytest.mark.parametrize(
+    ("schema", "words"),
+    [
+        (b"\xff\xfe", "its schema cannot be read: 'utf-8' codec"),
+        (b"float64[ x", "its schema cannot be read: Could not parse"),
+        (b"nowhere/Thing thing", "its schema does not say what nowhere/msg/Thing is"),
+        (b"float64[100] x", "a message does not fit its schema"),
+    ],
+)
+def test_a_schema_that_cannot_be_used_is_said_with_file_and_topic(tmp_path: Path, schema: bytes, words: str) -> None:
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/thing", "cdr", writer.register_schema("a/msg/B", "ros2msg", schema))
+        writer.add_message(channel, log_time=1, publish_time=1, data=b"\x00\x01\x00\x00" + bytes(8))
+        writer.finish()
+    with pytest.raises(RecordingError) as error:
+        Recording(path).read()
+    said = str(error.value)
+    assert said.startswith(f"{path}: topic /thing of type a/msg/B: {words}")
+    assert len(said) < 500 and "\n" not in said

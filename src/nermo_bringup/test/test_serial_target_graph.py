@@ -93,7 +93,7 @@ def test_the_driver_waits_for_its_device_and_is_then_as_the_twin_is(graph, tmp_p
     link = tmp_path / "device"
     mouse = Mouse(graph, link)
     graph.spin_until(
-        lambda: "cannot be opened" in str(mouse.status.get("serial_driver: line", "")), "the missing device is told"
+        lambda: "is not there (yet)" in str(mouse.status.get("serial_driver: line", "")), "the missing device is told"
     )
     mouse.plug_in()
     graph.spin_until(lambda: all(heard.values()) and mouse.servos, "every topic has come")

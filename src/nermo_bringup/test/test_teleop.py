@@ -201,7 +201,7 @@ def test_every_command_stays_in_its_limits_and_silence_ends_it(steps) -> None:
     assert hands.wait(1.0)[-5:] == [None] * 5
 
 
-@given(st.lists(st.sampled_from("wsadqe x120g+-][,.l\x00ß"), max_size=30))
+@given(st.lists(st.sampled_from("wsader x120g+-][,.l\x00ß"), max_size=30))
 def test_a_keyboard_left_alone_ends_in_silence_or_stop(keys: list[str]) -> None:
     mapping = KeyMapping(Driver(Limits(max_forward_velocity=0.1)))
     for key in keys:
@@ -239,6 +239,41 @@ def test_keys_and_arrows_are_read_and_the_terminal_comes_back() -> None:
     with pytest.raises(KeyboardError, match="closed"):
         read_keys(terminal)
     os.close(terminal)
+
+
+def test_keys_typed_before_anybody_reads_are_not_lost() -> None:
+    controller, terminal = pty.openpty()
+    os.write(controller, b"gx")
+    with raw_terminal(terminal):
+        assert read_keys(terminal) == ["g", "x"]
+    os.close(controller)
+    os.close(terminal)
+
+
+@pytest.mark.parametrize("key", ["q", "\x1b", "\x03"])
+def test_a_key_to_leave_stops_first(key: str) -> None:
+    mapping = KeyMapping(Driver(Limits()))
+    mapping.press("w", 0.0)
+    assert mapping.command(0.1, 0).forward_velocity > 0.0
+    mapping.press(key, 0.1)
+    assert mapping.left
+    assert mapping.command(0.1, 0).forward_velocity == 0.0
+
+
+def test_the_first_change_of_the_gait_leaves_the_default() -> None:
+    driver = Driver(Limits(), gaits=["trot", "lateral", "diagonal"], default_gait="lateral")
+    driver.next_gait()
+    assert driver.gait == "diagonal"
+
+
+def test_standing_asks_for_the_power_back_unless_a_stop_follows() -> None:
+    driver = Driver(Limits())
+    driver.take(Posture.SIT)
+    assert not driver.release_wanted
+    driver.take(Posture.STAND)
+    assert driver.release_wanted
+    driver.emergency_stop()
+    assert not driver.release_wanted
 
 
 def test_a_pipe_is_no_keyboard() -> None:

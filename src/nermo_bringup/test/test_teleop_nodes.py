@@ -10,6 +10,8 @@ import termios
 from pathlib import Path
 
 import pytest
+from builtin_interfaces.msg import Time
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
@@ -66,7 +68,26 @@ def test_a_pad_drives_through_the_joy_topic(graph, heard) -> None:
     graph.spin_until(lambda: len(heard.commands) > 3, "the stick walks the mouse")
     assert heard.commands[-1].forward_velocity == pytest.approx(0.05, abs=1e-3)
     assert heard.commands[-1].header.frame_id == "base_link"
-    assert heard.commands[-1].header.stamp.sec > 0
+    graph.spin_until(lambda: heard.commands[-1].header.stamp.sec > 0, "it knows that the graph has no /clock")
+
+
+def test_commands_bear_the_time_of_the_clock_that_somebody_publishes(graph, heard) -> None:
+    clock = graph.node.create_publisher(Clock, "/clock", 10)
+    publisher = graph.node.create_publisher(Joy, "joy", 10)
+    graph.start("nermo_bringup.nodes.teleop", *graph.parameters(pad=str(PADS / "xbox.yaml")))
+    graph.spin_until(lambda: publisher.get_subscription_count() > 0, "teleop listens")
+
+    def driven_at(second: int) -> bool:
+        clock.publish(Clock(clock=Time(sec=second)))
+        publisher.publish(joy(LEFT_BUMPER, forward=1.0))
+        return bool(heard.commands) and heard.commands[-1].header.stamp.sec == second
+
+    graph.spin_until(lambda: driven_at(7), "the stamp is the simulation's")
+    assert {command.header.stamp.sec for command in heard.commands} <= {0, 7}
+    graph.node.destroy_publisher(clock)
+    graph.spin_until(
+        lambda: publisher.publish(joy(LEFT_BUMPER)) or heard.commands[-1].header.stamp.sec > 7, "the clock has gone"
+    )
 
 
 def test_a_lost_pad_stops_the_mouse_and_a_button_stops_it_for_good(graph, heard) -> None:
@@ -88,7 +109,7 @@ def test_a_lost_pad_stops_the_mouse_and_a_button_stops_it_for_good(graph, heard)
 def test_an_unknown_pad_ends_teleop_with_one_sentence(graph) -> None:
     teleop = graph.start("nermo_bringup.nodes.teleop", *graph.parameters(pad="/nowhere/pad.yaml"))
     output, _ = teleop.communicate(timeout=30)
-    assert teleop.returncode == 1
+    assert teleop.returncode == 2
     assert "/nowhere/pad.yaml: cannot be read" in output
     assert "Traceback" not in output
 
@@ -106,7 +127,7 @@ def test_the_keyboard_drives_and_gives_the_terminal_back(graph, heard, ending: s
             shown.append(os.read(controller, 65536))
         return b"".join(shown)
 
-    graph.spin_until(lambda: b"EMERGENCY STOP; 1 ends it" in screen(), "the help is shown")
+    graph.spin_until(lambda: b"EMERGENCY STOP, limp; 1 ends it" in screen(), "the help is shown")
     graph.spin_until(lambda: graph.node.count_publishers("control_command") > 0, "teleop is in the graph")
     os.write(controller, b"w")
     graph.spin_until(lambda: bool(screen()) and bool(heard.commands), "the key is a command")

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.gait.trajectory import TrajectoryGenerator
 from nermo_control.high_level_controller import HighLevelController, HighLevelControllerConfig
-from nermo_control.motion_module import MotionModule, MotionModuleConfig
+from nermo_control.motion.config import MotionModuleConfig
+from nermo_control.motion_module import MotionModule
 from nermo_control.types import ControlCommand, Imu, LegLoads, MotionOutput, Odometry
 from nermo_description.parameters import RobotParameters
 

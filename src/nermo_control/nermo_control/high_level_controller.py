@@ -6,7 +6,7 @@ import math
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from nermo_control.gait.knowledge_base import GaitParameters, gait_speed
+from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.heading import HeadingHold
 from nermo_control.inbox import Inbox
 from nermo_control.path import CycleMean, Path, PathFollower, PathStatus, Pose
@@ -156,7 +156,6 @@ class HighLevelController:
 
     def _adopt(self, parameters: GaitParameters) -> None:
         self._parameters = parameters
-        self._longest_stride = min(parameters.front.max_stride_length, parameters.rear.max_stride_length)
         self._turning = TurningModel(
             SpineKinematics(self._robot.spine),
             min(parameters.max_spine_flexion, self._robot.spine.max_flexion),
@@ -264,7 +263,7 @@ class HighLevelController:
         warnings: list[str],
     ) -> float:
         """v_m [m/s] within what the gait can do. To turn on the spot the mouse has to walk its tightest circle."""
-        fastest = gait_speed(frequency, self._longest_stride, self._parameters.gaits[gait].gait_factor)
+        fastest = self._parameters.fastest(gait, frequency)
         if wanted == 0.0 and turn_rate != 0.0:
             sharpest = self._turning.turn_rate(1.0, 1.0, strategy, self._parameters.turn_response_exponent)
             wanted = min(abs(turn_rate) / sharpest, fastest) if sharpest > 0.0 else 0.0
@@ -315,7 +314,9 @@ class HighLevelController:
 
     def smallest_radius(self, strategy: TurningStrategy) -> float:
         """Predicted radius at full lock [m], of the longest stride: (5.40)-(5.44)."""
-        return self._turning.radius(1.0, strategy, self._longest_stride, self._parameters.turn_response_exponent)
+        return self._turning.radius(
+            1.0, strategy, self._parameters.longest_stride, self._parameters.turn_response_exponent
+        )
 
     def _turn_along(
         self,

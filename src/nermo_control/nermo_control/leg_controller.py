@@ -31,9 +31,14 @@ class LegController:
 
         What had to be clamped is added to `warnings`.
         """
-        for leg, (inverse, hip, knee, (hip_lower, hip_upper, knee_lower, knee_upper), warning) in enumerate(self._legs):
-            q1, q2, clamped = inverse(x[leg], z[leg])
-            servos[hip] = hip_lower if q1 < hip_lower else hip_upper if q1 > hip_upper else q1
-            servos[knee] = knee_lower if q2 < knee_lower else knee_upper if q2 > knee_upper else q2
-            if clamped or servos[hip] != q1 or servos[knee] != q2:
-                warnings.append(warning)
+        for leg in range(len(LEGS)):
+            if self.place(leg, x[leg], z[leg], servos):
+                warnings.append(self._legs[leg][-1])
+
+    def place(self, leg: int, x: float, z: float, servos: list[float]) -> bool:
+        """The same of one leg; whether something had to be clamped."""
+        inverse, hip, knee, (hip_lower, hip_upper, knee_lower, knee_upper), _ = self._legs[leg]
+        q1, q2, clamped = inverse(x, z)
+        servos[hip] = hip_lower if q1 < hip_lower else hip_upper if q1 > hip_upper else q1
+        servos[knee] = knee_lower if q2 < knee_lower else knee_upper if q2 > knee_upper else q2
+        return clamped or servos[hip] != q1 or servos[knee] != q2

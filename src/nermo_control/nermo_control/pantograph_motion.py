@@ -5,7 +5,6 @@ What is unusable is refused in words, silence ends in standing, STOP freezes the
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from nermo_control.oscillators.gaits import CPG_GAITS
 from nermo_control.oscillators.legs import OscillatorSettings
 from nermo_control.pantograph_controller import PantographController, PantographGait
 from nermo_control.types import ControlCommand, LegLoads, MotionOutput, Posture
+from nermo_description import ranges
 from nermo_description.pantograph import PantographParameters
 from nermo_description.parameter_files import read_yaml, validate
 
@@ -66,8 +66,8 @@ def read_saved_gait(path: Path) -> SavedGait:
 
 def command_error(command: ControlCommand) -> str | None:
     """What is wrong with a command for a robot without spine and tail, in words; None where nothing is."""
-    if not math.isfinite(command.forward_velocity):
-        return f"forward_velocity = {command.forward_velocity} m/s is not finite"
+    if (wrong := ranges.control_command_error(command)) is not None:
+        return wrong
     if command.posture not in _POSTURES:
         return f"posture = {command.posture.name}: allowed {', '.join(posture.name for posture in _POSTURES)}"
     if command.gait not in _GAITS:

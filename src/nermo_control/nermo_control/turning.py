@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from nermo_control.clamp import within_one
 from nermo_control.spine.kinematics import Array, SpineKinematics
 from nermo_control.types import TurningStrategy
 from nermo_description.parameters import Vector3
@@ -22,7 +23,7 @@ def response(turn_rate_normalized: float, exponent: float) -> float:
 
     N misprint: (5.38)-(5.39) raise a negative alpha_tr to the power t. NaN counts as no turn.
     """
-    alpha = held(turn_rate_normalized)
+    alpha = within_one(turn_rate_normalized)
     return math.copysign(abs(alpha) ** exponent, alpha) if exponent > 0.0 else 0.0
 
 
@@ -30,11 +31,6 @@ def leg_modulation(turn_rate_normalized: float, exponent: float = 1.0) -> tuple[
     """alpha_left and alpha_right in [0, 1], factors of the strides of the left and right legs: (5.36)-(5.39)."""
     turn = response(turn_rate_normalized, exponent)
     return min(1.0 - turn, 1.0), min(1.0 + turn, 1.0)
-
-
-def held(turn_rate_normalized: float) -> float:
-    """alpha_tr held within [-1, 1]; NaN becomes 0."""
-    return 0.0 if math.isnan(turn_rate_normalized) else max(-1.0, min(turn_rate_normalized, 1.0))
 
 
 def leg_radius(stride: float, modulation_difference: float, diagonal: float) -> float:
@@ -106,13 +102,13 @@ class TurningModel:
 
     def hip_diagonal(self, turn_rate_normalized: float) -> float:
         """d_ext (5.32) [m] of the diagonal that bending for this alpha_tr shortens."""
-        return float(np.interp(abs(held(turn_rate_normalized)), self._GRID, self._hip_diagonals))
+        return float(np.interp(abs(within_one(turn_rate_normalized)), self._GRID, self._hip_diagonals))
 
     def radius(
         self, turn_rate_normalized: float, strategy: TurningStrategy, stride: float, exponent: float = 1.0
     ) -> float:
         """Radius [m] of the path of the shoulder axis: (5.40), (5.43), and both for mix. `stride` is l_s [m]."""
-        alpha = abs(held(turn_rate_normalized))
+        alpha = abs(within_one(turn_rate_normalized))
         legs = abs(response(alpha, exponent))
         bent, _ = spine_radius(self._joints * alpha * self._max_flexion, self.rigid_length, self.bent_length)
         if strategy == "leg":
@@ -129,7 +125,7 @@ class TurningModel:
         exponent: float = 1.0,
     ) -> float:
         """Turn rate [rad/s], positive left, at a forward velocity [m/s] of the unmodulated gait."""
-        alpha = held(turn_rate_normalized)
+        alpha = within_one(turn_rate_normalized)
         rate = float(np.interp(abs(alpha), self._GRID, self._rates(strategy, exponent)))
         return math.copysign(rate, alpha) * forward_velocity
 

@@ -6,7 +6,7 @@ right. Leg planes have their origin at the hip or shoulder axis, x forward and z
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
 from typing import Literal
 
@@ -50,12 +50,19 @@ class Phase(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class SpineModes:
-    """Which spine functions are on (sp_m, N table 5.5)."""
+    """Which spine functions are on (sp_m, N table 5.5); `SpineModes.msg` has the same fields.
+
+    A function that is added here and there can be switched by messages, command files, pads and keys.
+    """
 
     turning: bool = False
     stride_extension: bool = False
     offset_compensation: bool = False
     balance_compensation: bool = False
+
+
+SPINE_FUNCTIONS = tuple(one.name for one in fields(SpineModes))
+"""Names of all spine functions."""
 
 
 @dataclass(frozen=True, slots=True)

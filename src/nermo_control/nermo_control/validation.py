@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import difflib
-import math
 from typing import get_args
 
 from nermo_control.gait.knowledge_base import GaitParameters, frequency_error
 from nermo_control.types import ControlCommand, MotionCommand, Posture, TrajectoryMode, TurningStrategy
+from nermo_description import ranges
 
 _STRATEGIES = get_args(TurningStrategy)
 _POSTURES = frozenset(Posture)
@@ -16,10 +16,8 @@ _MODES = frozenset(TrajectoryMode)
 
 def control_command_error(command: ControlCommand, parameters: GaitParameters) -> str | None:
     """What is wrong with the operator's command; empty names and frequency 0 stand for the defaults."""
-    if not math.isfinite(command.forward_velocity):
-        return f"forward_velocity = {command.forward_velocity} m/s is not finite"
-    if not math.isfinite(command.turn_rate):
-        return f"turn_rate = {command.turn_rate} rad/s is not finite"
+    if (wrong := ranges.control_command_error(command)) is not None:
+        return wrong
     if command.posture not in _POSTURES:
         return _unknown("posture", command.posture, _POSTURES)
     if command.trajectory_mode not in _MODES:
@@ -33,10 +31,8 @@ def control_command_error(command: ControlCommand, parameters: GaitParameters) -
 
 def motion_command_error(command: MotionCommand, parameters: GaitParameters) -> str | None:
     """What is wrong with a motion command; the gait matters only for walking."""
-    if not math.isfinite(command.forward_velocity):
-        return f"forward_velocity = {command.forward_velocity} m/s is not finite"
-    if not -1.0 <= command.turn_rate_normalized <= 1.0:
-        return f"turn_rate_normalized = {command.turn_rate_normalized}: allowed -1 to 1"
+    if (wrong := ranges.motion_command_error(command)) is not None:
+        return wrong
     if command.posture not in _POSTURES:
         return _unknown("posture", command.posture, _POSTURES)
     if command.posture != Posture.WALK:

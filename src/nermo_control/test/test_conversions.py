@@ -15,6 +15,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from nermo_control.gait.knowledge_base import GaitDefinition, GaitParameters, LegStride
 from nermo_control.nodes import conversions as convert
 from nermo_control.types import (
+    SPINE_FUNCTIONS,
     ControlCommand,
     FootTrajectory,
     LegStates,
@@ -294,3 +295,7 @@ def test_a_path_goes_through_the_poses_with_round_corners() -> None:
 def test_a_path_that_is_none_is_refused_in_words(message: PathMessage, words: str) -> None:
     with pytest.raises(convert.UnusableMessageError, match=words):
         convert.path_from_message(message, 0.2)
+
+
+def test_the_message_has_every_spine_function_and_no_other() -> None:
+    assert set(msg.SpineModes.get_fields_and_field_types()) == set(SPINE_FUNCTIONS)

@@ -28,8 +28,14 @@ class KnowledgeBase:
         self.last: msg.GaitParameters | None = None
         self.count = 0
         graph.node.create_subscription(msg.GaitParameters, "mouse/gait_parameters", self._listen, qos.LATCHED)
-        graph.start("mouse", "gait_knowledge_base", sets_folder=folder, use_sim_time=False)
-        graph.spin_until(lambda: self.last is not None, "gait parameters come")
+        self.start()
+
+    def start(self) -> None:
+        self.last = None
+        kept = self.folder / "kept" / "changes.yaml"
+        kept.parent.mkdir(exist_ok=True)
+        self.graph.start("mouse", "gait_knowledge_base", sets_folder=self.folder, kept_changes=kept, use_sim_time=False)
+        self.graph.spin_until(lambda: self.last is not None, "gait parameters come")
 
     @property
     def parameters(self) -> GaitParameters:
@@ -150,3 +156,12 @@ def test_a_late_listener_hears_of_robot_and_gaits(base: KnowledgeBase, robot: Ro
     base.graph.spin_until(lambda: bool(heard), "the robot's parameters come")
     assert heard[0].robot == robot.name
     assert [servo.name for servo in heard[0].servos] == list(robot.servos)
+
+
+def test_what_was_changed_live_is_still_there_after_a_restart(base: KnowledgeBase) -> None:
+    assert base.set("rear.swing_amplitude", 0.017) == (True, "")
+    base.graph.spin_until(lambda: base.parameters.rear.swing_amplitude == 0.017, "the change is told")
+    before = base.parameters
+    base.graph.kill("mouse", "gait_knowledge_base")
+    base.start()
+    base.graph.spin_until(lambda: base.parameters == before, "the change is told again")

@@ -202,6 +202,8 @@ def test_a_reset_ends_the_line_and_the_command(controller: HighLevelController) 
         ({"gait_frequency": 50.0}, "allowed 0.1 to 3.0 Hz"),
         ({"gait_frequency": math.nan}, "allowed 0.1 to 3.0 Hz"),
         ({"posture": 99}, "posture = 99 is unknown"),
+        ({"turn_rate": -1e308}, "turn_rate = -1e+308 rad/s: allowed -100 to 100 rad/s"),
+        ({"forward_velocity": 1e308, "turn_rate": -1e308}, "forward_velocity = 1e+308 m/s: allowed -10 to 10 m/s"),
         ({"trajectory_mode": 9}, "trajectory_mode = 9 is unknown"),
         ({"turning_strategy": "wheels"}, "turning_strategy = 'wheels' is unknown"),
     ],

@@ -79,7 +79,7 @@ def test_stop_freezes_every_servo_where_it_is() -> None:
     [
         ({"gait": "walking_trot"}, "gait = 'walking_trot' is unknown; allowed: trot, lateral_sequence"),
         ({"gait_frequency": 9.0}, "gait_frequency = 9.0 Hz: allowed 0.1 to 5.0 Hz"),
-        ({"forward_velocity": math.nan}, "forward_velocity = nan m/s is not finite"),
+        ({"forward_velocity": math.nan}, "forward_velocity = nan m/s: allowed -10 to 10 m/s"),
         ({"posture": Posture.LIFT_FRONT_LEFT}, "posture = LIFT_FRONT_LEFT: allowed WALK, STAND"),
     ],
 )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -15,10 +17,17 @@ from nermo_description.blocks.leg import build_leg, knee_angle
 from nermo_description.blocks.spine import build_spine, hip_frame
 from nermo_description.blocks.tail import build_tail
 from nermo_description.deviations import enter_deviations
-from nermo_description.pantograph import PantographParameters
 from nermo_description.pantograph_model import build_pantograph_robot, set_pantograph_posture
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_description.robots import AnyRobot
+
+
+class _Family(NamedTuple):
+    """What makes the models of a family of robots."""
+
+    build: Callable[[Any], mujoco.MjSpec]
+    set_posture: Callable[[mujoco.MjData, Any, str], None]
+
 
 SCENES = Path(str(files("nermo_description"))) / "scenes"
 SETTLING_TIME = 2.0
@@ -50,23 +59,25 @@ def build_model(robot: AnyRobot, scene: str | Path = "flat") -> mujoco.MjModel:
 
 def build_robot(robot: AnyRobot) -> mujoco.MjSpec:
     """The robot alone, its tendons strung and its torsos balanced."""
-    if isinstance(robot, PantographParameters):
-        spec = build_pantograph_robot(robot)
-        enter_deviations(spec, robot)
-        return spec
-    spec = _assemble(robot)
-    draft = spec.compile()
-    _string_tendons(spec, draft, robot)
-    _balance(spec, draft, robot)
+    spec = _FAMILIES[robot.family].build(robot)
     enter_deviations(spec, robot)
     return spec
 
 
 def set_posture(model: mujoco.MjModel, data: mujoco.MjData, robot: AnyRobot, name: str) -> None:
     """Puts legs, pulleys and head where the servos of a posture want them, spine and tail straight; the body stays."""
-    if isinstance(robot, PantographParameters):
-        set_pantograph_posture(data, robot, name)
-        return
+    _FAMILIES[robot.family].set_posture(data, robot, name)
+
+
+def _build_mouse(robot: RobotParameters) -> mujoco.MjSpec:
+    spec = _assemble(robot)
+    draft = spec.compile()
+    _string_tendons(spec, draft, robot)
+    _balance(spec, draft, robot)
+    return spec
+
+
+def _set_mouse_posture(data: mujoco.MjData, robot: RobotParameters, name: str) -> None:
     angles = robot.posture(name)
     for leg in LEGS:
         parameters = robot.front_leg if leg.startswith("front") else robot.rear_leg
@@ -202,3 +213,9 @@ def _load_scene(scene: str | Path) -> mujoco.MjSpec:
             f"scene {str(scene)!r} does not exist; known are {', '.join(scene_names())}, or give an MJCF file"
         )
     return mujoco.MjSpec.from_file(str(path))
+
+
+_FAMILIES = {
+    "mouse": _Family(_build_mouse, _set_mouse_posture),
+    "pantograph": _Family(build_pantograph_robot, set_pantograph_posture),
+}

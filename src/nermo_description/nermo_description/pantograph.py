@@ -112,6 +112,7 @@ class PantographLeg(Parameters):
 class PantographParameters(RobotDescription):
     """Everything that is known of one robot with pantograph legs: a servo at each hip, a cable servo for each knee."""
 
+    family = "pantograph"
     leg: PantographLeg
     mass: Positive
     """Of the whole robot [kg]; the trunk has what the legs leave."""
@@ -119,6 +120,11 @@ class PantographParameters(RobotDescription):
     """Edges of the box that the trunk is [m]."""
     trunk_com: Vector3
     """Its centre of mass in base_link [m]."""
+
+    @property
+    def total_mass(self) -> float:
+        """[kg]"""
+        return self.mass
 
     @property
     def trunk_mass(self) -> float:

@@ -19,14 +19,67 @@ class ParameterError(ValueError):
     """A parameter file that cannot be used; the text names file, field, value and what is allowed, a line a fault."""
 
 
+LARGEST_FILE = 500_000
+"""Bytes of a YAML text. Ours have a few thousand; PyYAML takes about 10 s for a million."""
+LONGEST_VALUE = 200
+"""Characters of a value that an error repeats."""
+DEEPEST = 40
+"""Collections within collections. Ours go six deep, and Python recurses a few times for each."""
+MOST_VALUES = 200_000
+"""Values of a YAML text, what an alias stands for counted each time: nine lines of aliases can mean a billion."""
+
+
 def read_yaml(path: Path) -> Any:
-    """Contents of a YAML file. Raises ParameterError if it cannot be read or is not YAML."""
+    """Contents of a YAML file. Raises ParameterError if it cannot be read, is not YAML, or is beyond all measure."""
     try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
+        with path.open("rb") as file:
+            text = file.read(LARGEST_FILE + 1).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ParameterError(f"{path}: cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        raise ParameterError(f"{path}: is not valid YAML: {' '.join(str(error).split())}") from error
+    return parse_yaml(text, path)
+
+
+def parse_yaml(text: str, source: str | Path) -> Any:
+    """Plain data of a YAML text; `source` is named in errors. Raises ParameterError, as `read_yaml`."""
+    if len(text) > LARGEST_FILE:
+        raise ParameterError(f"{source}: is too long: allowed are {LARGEST_FILE} bytes")
+    try:
+        return yaml.load(text, _BoundedLoader)
+    except (yaml.YAMLError, ValueError) as error:  # a ValueError comes of dates and numbers that cannot be
+        raise ParameterError(f"{source}: is not valid YAML: {' '.join(str(error).split())}") from error
+
+
+class _BoundedLoader(yaml.SafeLoader):
+    """Plain data only, of limited depth and size."""
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._depth = 0
+        self._sizes: dict[yaml.Node, int] = {}
+        """Values of each node that is complete."""
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        mark, is_alias = self.peek_event().start_mark, self.check_event(yaml.AliasEvent)
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise yaml.MarkedYAMLError(problem=f"nested more than {DEEPEST} deep", problem_mark=mark)
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        if is_alias and node not in self._sizes:
+            raise yaml.MarkedYAMLError(problem="an alias stands for what it is part of", problem_mark=mark)
+        if node is not None and not is_alias:
+            self._sizes[node] = 1 + sum(self._sizes[child] for child in _children(node))
+            if self._sizes[node] > MOST_VALUES:
+                raise yaml.MarkedYAMLError(
+                    problem=f"more than {MOST_VALUES} values, with all that aliases stand for", problem_mark=mark
+                )
+        return node
+
+
+def _children(node: yaml.Node) -> list[yaml.Node]:
+    if isinstance(node, yaml.MappingNode):
+        return [part for pair in node.value for part in pair]
+    return list(node.value) if isinstance(node, yaml.SequenceNode) else []
 
 
 def write_yaml(data: Any, path: Path) -> None:
@@ -69,7 +122,12 @@ def _explain(fault: Any, model: type[BaseModel]) -> str:
     if isinstance(value, (dict, BaseModel)) or (value is None and not location):
         return f"{field}: {message}"
     info = _fields_at(location[:-1], model).get(str(location[-1])) if location else None
-    return f"{field}: is {value!r}; {message[0].lower()}{message[1:]}{_range(info)}"
+    return f"{field}: is {_short(value)}; {message[0].lower()}{message[1:]}{_range(info)}"
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
 
 
 def _range(field: FieldInfo | None) -> str:

@@ -6,7 +6,7 @@ value is entered: N's forward is -y and its left +x, so (x, y, z) of N becomes (
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -302,6 +302,8 @@ class Deviation(Parameters):
 class RobotDescription(Parameters):
     """What every robot has: its servos, their postures, its contact with the world."""
 
+    family: ClassVar[str]
+    """What its file says as `family`: which of these classes it is."""
     name: str
     servo_type: ServoType
     """What every servo gets that does not say otherwise."""
@@ -329,6 +331,11 @@ class RobotDescription(Parameters):
                 return {**data, "servos": {name: {**common, **own[name]} for name in order}}
         return data
 
+    @property
+    def total_mass(self) -> float:
+        """Of the whole robot [kg]."""
+        raise NotImplementedError
+
     def posture(self, name: str) -> dict[str, float]:
         """Servo positions [rad] of a posture, every servo in order. Raises KeyError for a name that does not exist."""
         named = self.postures[name]
@@ -352,6 +359,7 @@ class RobotDescription(Parameters):
 class RobotParameters(RobotDescription):
     """Everything that is known of one mouse."""
 
+    family = "mouse"
     material: Literal["PA12", "PETG"]
     """What the skeleton is printed from."""
     stiffness_scale: Positive = 1.0
@@ -365,6 +373,11 @@ class RobotParameters(RobotDescription):
     tail: TailParameters
     head: HeadParameters
     masses: MassParameters
+
+    @property
+    def total_mass(self) -> float:
+        """[kg]"""
+        return self.masses.total
 
     @property
     def front_mass(self) -> float:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from nermo_description.commanding import RefusedCommandError, command_time
+from nermo_description.ranges import SERVO_TARGET, named_error
 
 __all__ = ["RefusedCommandError", "ServoCommandDoor"]
 
 
 class ServoCommandDoor:
-    """Lets through each command once, complete, finite and not too old.
+    """Lets through each command once, complete, in range and not too old.
 
     servos: the robot's servos, in the order of the result. oldest: age beyond which a command is stale [s]. lead: how
     far its stamp may be ahead [s], where it comes from another clock.
@@ -35,10 +35,8 @@ class ServoCommandDoor:
         if by_name.keys() != self._known or len(names) != len(self._servos):
             raise RefusedCommandError(self._naming(names))
         result = [by_name[name] for name in self._servos]
-        if not math.isfinite(sum(result)):
-            # Finite numbers can have a sum that is not.
-            name = next((name for name in names if not math.isfinite(by_name[name])), self._servos[0])
-            raise RefusedCommandError(f"position of {name} is {by_name[name]}: must be finite")
+        if (wrong := named_error(SERVO_TARGET, "position", self._servos, result)) is not None:
+            raise RefusedCommandError(wrong)
         stamp = command_time(stamp, now, self._oldest, self._lead)
         if self._last_stamp is not None and stamp <= self._last_stamp:
             word = "repeated" if stamp == self._last_stamp else "out of order"

@@ -99,3 +99,52 @@ def test_two_publishers_of_one_name_are_two_sources() -> None:
     assert stops.active
     assert stops.release() == ""
     assert not stops.active
+
+
+def test_what_is_told_as_a_state_may_be_told_as_often_as_one_likes() -> None:
+    here, there = EmergencyStops(), EmergencyStops()
+    here.say(b"\x01", True, "pad")
+    for _ in range(3):
+        there.take("desk", here.told())
+    assert str(there) == "pad says stop"
+    here.say(b"\x01", False)
+    there.take("desk", here.told())
+    assert str(there) == "pad has said stop and waits for a release"
+    assert there.release() == ""
+    there.take("desk", here.told())
+    assert not there.active, "a stop that was released is not another one for being told again"
+    here.press("SIGUSR1")
+    here.say(b"\x01", True, "pad")
+    here.say(b"\x01", False)
+    there.take("desk", here.told())
+    assert str(there) == "SIGUSR1 and pad have said stop and wait for a release"
+
+
+def test_a_far_end_that_is_gone_or_another_one_changes_nothing_for_the_rest() -> None:
+    desk, lap, robot = EmergencyStops(), EmergencyStops(), EmergencyStops()
+    desk.say("pad", True)
+    lap.say("pad", True)
+    robot.take("desk", desk.told())
+    robot.take("lap", lap.told())
+    robot.take("desk", ())
+    assert robot.release() != ""
+    robot.forget("lap")
+    assert robot.active
+    assert robot.release() == ""
+    robot.take("lap", lap.told())
+    assert robot.active, "who comes back and says stop stops"
+
+
+def test_a_signal_in_the_midst_of_a_release_is_not_swept_away() -> None:
+    class Sneaky(dict):  # type: ignore[type-arg]
+        def values(self):  # type: ignore[no-untyped-def]
+            values = list(super().values())
+            stops.press("SIGUSR1")
+            return values
+
+    stops = EmergencyStops()
+    stops.say("pad", True)
+    stops.say("pad", False)
+    stops._saying = Sneaky()
+    assert stops.release() == "emergency_stop (SIGUSR1 and pad have said stop and wait for a release)"
+    assert stops.active

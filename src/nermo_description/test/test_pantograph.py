@@ -14,9 +14,9 @@ from nermo_description.model import build_model
 from nermo_description.pantograph import PantographParameters
 from nermo_description.parameter_files import ParameterError, read_yaml
 from nermo_description.parameters import LEGS
-from nermo_description.robots import load_any_robot, load_robot, pantograph_names
+from nermo_description.robots import family_of, load_any_robot, load_robot, robot_names
 
-FILE = Path(__file__).parents[1] / "nermo_description" / "robots" / "pantograph" / "cheetah_cub.yaml"
+FILE = Path(__file__).parents[1] / "nermo_description" / "robots" / "cheetah_cub.yaml"
 
 
 @pytest.fixture(scope="module")
@@ -39,12 +39,24 @@ def standing(model: mujoco.MjModel) -> mujoco.MjData:
 
 
 def test_is_found_by_name_and_told_from_a_mouse():
-    assert pantograph_names() == ("cheetah_cub",)
+    assert robot_names(("pantograph",)) == ("cheetah_cub",)
+    assert (family_of("cheetah_cub"), family_of("nermo")) == ("pantograph", "mouse")
     assert load_any_robot("nermo_lite") == load_robot("nermo_lite")
-    with pytest.raises(ParameterError, match="'cheetah_cub' has pantograph legs; here a mouse is needed: nermo"):
+    with pytest.raises(ParameterError, match="'cheetah_cub' is of the family pantograph; needed here is mouse: nermo"):
         load_robot("cheetah_cub")
-    with pytest.raises(ParameterError, match="known are nermo, nermo_lite, cheetah_cub"):
+    with pytest.raises(ParameterError, match="known are cheetah_cub, nermo, nermo_lite"):
         load_any_robot("cheetah")
+
+
+def test_a_file_says_its_family(tmp_path: Path):
+    file = tmp_path / "cub.yaml"
+    file.write_text("base: cheetah_cub\nname: heavier\nmass: 1.3\n")
+    assert load_any_robot(file).mass == 1.3
+    with pytest.raises(ParameterError, match=r"cub.yaml' is of the family pantograph; needed here is mouse"):
+        load_robot(file)
+    file.write_text("family: dog\n")
+    with pytest.raises(ParameterError, match="family: is 'dog'; it must be one of mouse, pantograph"):
+        load_any_robot(file)
 
 
 @pytest.mark.parametrize(

@@ -241,25 +241,45 @@ def keys(
         list[str] | None, typer.Argument(help="Ends and observers; robot and workstation by default.")
     ] = None,
     folder: Annotated[Path, typer.Option(help="Where they go.")] = Path("~/.config/nermo/keys"),
+    days: Annotated[int, typer.Option(min=1, max=3650, help="How long new certificates are valid.")] = 365,
+    renew: Annotated[bool, typer.Option("--renew", help="Make new ones also for ends that have one.")] = False,
+    revoke: Annotated[
+        bool, typer.Option("--revoke", help="Refuse the certificates that these ends have, and make new ones.")
+    ] = False,
 ) -> None:
     """Make a certificate authority for the Wi-Fi link, and a certificate for each end that has none yet.
 
-    The robot needs ca.pem, robot.pem and robot.key; ca.key stays on the workstation.
+    The robot needs ca.pem, robot.pem, robot.key and, once there is one, the list `revoked`; ca.key stays on the
+    workstation. What is made counts from the next start of robot_end and zenoh_link.
 
     \b
     nermo hw keys
     nermo hw keys robot workstation observer --folder keys
+    nermo hw keys --renew --days 90
+    nermo hw keys workstation --revoke
     """
-    from nermo_hw.link.keys import KeysError, make_keys
+    from datetime import UTC, datetime
 
+    from nermo_hw.link.keys import SOON_DAYS, KeysError, make_keys, revoke_keys, valid_until
+    from nermo_hw.link.revocation import LIST
+
+    folder, ends = folder.expanduser(), names or ["robot", "workstation"]
+    if revoke and not names:
+        raise CommandError("--revoke needs the names of those whose certificates are to be refused.", status=2)
     try:
-        made = make_keys(folder.expanduser(), names or ["robot", "workstation"])
+        made = revoke_keys(folder, ends, days=days) if revoke else make_keys(folder, ends, days=days, renew=renew)
+        for path in made:
+            print(f"{path}, until {valid_until(path).date()}")
+        for path in (folder / f"{end}.pem" for end in ends):
+            left = (valid_until(path) - datetime.now(UTC)).days
+            if left < min(SOON_DAYS, days):
+                print(f"{path} {'has ended' if left < 0 else f'ends in {left} days'}: --renew makes a new one")
     except KeysError as error:
         raise CommandError(f"{error}.", status=2) from error
-    for path in made:
-        print(path)
+    if revoke:
+        print(f"copy {folder / LIST} to the folder of the keys at the other end, and start that again")
     if not made:
-        print(f"{folder.expanduser()} has them all")
+        print(f"{folder} has them all")
 
 
 @hw_app.command("release")
@@ -279,12 +299,12 @@ def release(
     from nermo_hw.link.clock import SteadyClock
     from nermo_hw.link.config import DEFAULT, Side, load_link
     from nermo_hw.link.end import LinkEnd
-    from nermo_hw.link.session import LinkError
+    from nermo_hw.link.transport import LinkError
 
     overrides = [("workstation.endpoints", [endpoint])] if endpoint else []
     try:
         config = load_link(link or DEFAULT, overrides)
-        with LinkEnd(config, Side.WORKSTATION, lambda topic, payload: None, SteadyClock()) as end:
+        with LinkEnd(config, Side.WORKSTATION, lambda *_: None, SteadyClock()) as end:
             if not end.wait(5.0):
                 raise CommandError(f"no robot answers at {', '.join(config.workstation.endpoints)}.")
             left = end.ask_release()

@@ -10,12 +10,10 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import signal
 import sys
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -25,15 +23,15 @@ from pydantic import BaseModel, ConfigDict, Field
 from nermo_description.parameter_files import ParameterError, read_yaml, validate
 from nermo_description.parameters import RobotParameters
 from nermo_description.robots import load_robot
-from nermo_hw.link import stamp
 from nermo_hw.link.clock import SteadyClock
 from nermo_hw.link.config import DEFAULT, LinkConfig, Side, Topic, load_link
 from nermo_hw.link.end import LinkEnd
+from nermo_hw.link.intake import CommandIntake
 from nermo_hw.link.log_tap import LogTap
-from nermo_hw.link.messages import SensorMessages, decode_bool, decode_command, encode_diagnostics
-from nermo_hw.link.session import LinkError
-from nermo_hw.safety.causes import Cause, State
-from nermo_hw.safety.supervisor import Output, RefusedCommandError, SafetySettings, SafetySupervisor
+from nermo_hw.link.messages import SensorMessages, decode_bool, decode_command
+from nermo_hw.link.transport import LinkError, Transport
+from nermo_hw.robot_report import Report
+from nermo_hw.safety.supervisor import RefusedCommandError, SafetySettings, SafetySupervisor
 from nermo_hw.serial.calibration import load_calibration
 from nermo_hw.serial.driver import Driver
 from nermo_hw.types import LineError, LineLostError, SensorSample, ServoTargets, SilentLineError
@@ -42,8 +40,8 @@ REPLY_TIMEOUT = 0.02
 """How long the device may take to answer [s]: far longer than it needs, and a tick that is late is no danger."""
 REOPEN_PERIOD = 0.5
 """Between two attempts to open the line [s]."""
-OK, WARN, ERROR = 0, 1, 2
-"""Levels of diagnostic_msgs/DiagnosticStatus."""
+RELEASE_PATIENCE = 1.5
+"""How long a release waits for a tick to end [s]."""
 
 
 class RobotEndSettings(BaseModel):
@@ -71,30 +69,6 @@ class Line(Protocol):
         """Closes it."""
 
 
-class Newest:
-    """One place for the newest command: what comes before it is used takes its place, what is older never does."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._payload: bytes | None = None
-        self._stamp = -1
-        self.received = 0
-
-    def put(self, payload: bytes) -> None:
-        """Raises ValueError where it has no stamp."""
-        at = stamp.read(payload)
-        with self._lock:
-            self.received += 1
-            if self._payload is None or at > self._stamp:
-                self._payload, self._stamp = payload, at
-
-    def take(self) -> bytes | None:
-        """The newest one, once."""
-        with self._lock:
-            payload, self._payload = self._payload, None
-            return payload
-
-
 class RobotEnd:
     """Link, supervisor and driver, stepped by `run`.
 
@@ -111,42 +85,44 @@ class RobotEnd:
         clock: Callable[[], int] | None = None,
         log: Path | None = None,
         release: bool = False,
+        *,
+        transport: Transport | None = None,
+        monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._log = log
         self._settings = settings or RobotEndSettings()
         self._clock = clock or SteadyClock()
         self._line, self._open = line, False
         self._reopen_at = 0.0
         self._supervisor = SafetySupervisor(robot, self._settings.safety, now=self._clock())
         self._messages = SensorMessages(list(robot.servos))
-        self._newest = Newest()
         self._lock = threading.Lock()
-        """Guards the supervisor against the link's threads."""
-        self._link = LinkEnd(link, Side.ROBOT, self._on_message, self._clock, self._on_heard)
-        self._link.answer_release(self._release)
-        self._releasing = threading.Event()
+        """Guards supervisor and line against the link's threads."""
+        self.link = LinkEnd(
+            link,
+            Side.ROBOT,
+            self._on_message,
+            self._clock,
+            self._on_heard,
+            stops=self._supervisor.stops,
+            transport=transport,
+            monotonic=monotonic,
+        )
+        self.link.answer_release(self._release)
+        self._commands = CommandIntake(self.link.name_of, lambda: round(monotonic() * 1e9))
         self._auto_release, self._auto_release_at = release, 0.0
-        self._released = threading.Event()
-        self._left = ""
         self._stopping = threading.Event()
-        self._stop_pressed = False
-        self._robot = robot
-        self._turned_away: Counter[str] = Counter()
-        self._told_away: Counter[str] = Counter()
         self._line_trouble = "not opened yet"
-        self._ticks = self._overruns = 0
-        self._told_refused = 0
-        self._diagnosed_at = 0.0
-        self._told_state: tuple[State, tuple[Cause, ...]] | None = None
+        self._overruns = 0
+        self._report = Report(robot.name, self._supervisor, self._commands, log, monotonic)
 
     def run(self) -> None:
         """Steps at the rate until `stop`. Raises LinkError where the link cannot be opened."""
-        with self._link:
+        with self.link:
             period = 1.0 / self._settings.rate
             due = time.monotonic()
             try:
                 while not self._stopping.is_set():
-                    self._tick()
+                    self.tick()
                     due += period
                     late = time.monotonic() - due
                     if late > 0.0:
@@ -163,40 +139,36 @@ class RobotEnd:
 
     def emergency_stop(self, source: str) -> None:
         """Limp at the next tick. Called from a signal handler, hence without a lock."""
-        self._supervisor.emergency_stop(source)
+        self._supervisor.stops.press(source)
 
     def turned_away(self, sentence: str) -> None:
         """Somebody was refused at the door of the link."""
-        self._turned_away[sentence] += 1
+        self._report.turned_away(sentence)
 
     # From the link's threads
 
-    def _on_message(self, topic: Topic, payload: bytes) -> None:
+    def _on_message(self, topic: Topic, payload: bytes, sender: str) -> None:
         try:
             if topic.kind == "command":
-                self._newest.put(payload)
-            elif topic.name == "emergency_stop":
-                self._on_emergency_stop(decode_bool(payload))
+                self._commands.put(payload, sender)
+            elif topic.name == "emergency_stop":  # from an official bridge, which knows no sources
+                self._supervisor.stops.say("emergency_stop", decode_bool(payload), "a bridge")
+        except RefusedCommandError:
+            pass  # counted, and told on the diagnostics
         except ValueError as error:
             self._refuse(f"{topic.name}: {error}")
-
-    def _on_emergency_stop(self, pressed: bool) -> None:
-        with self._lock:
-            if pressed:
-                self._supervisor.emergency_stop("topic emergency_stop")
-            elif self._stop_pressed:
-                self._supervisor.end_emergency_stop()
-            self._stop_pressed = pressed
 
     def _on_heard(self) -> None:
         self._supervisor.heard(self._clock())
 
     def _release(self) -> str:
-        """Answers the service; the tick does it, because the line is its own."""
-        self._released.clear()
-        self._releasing.set()
-        done = self._released.wait(1.5)
-        return self._left if done else "the control loop does not answer"
+        """Answers the service."""
+        if not self._lock.acquire(timeout=RELEASE_PATIENCE):
+            return "the control loop does not answer"
+        try:
+            return self._do_release()
+        finally:
+            self._lock.release()
 
     def _refuse(self, why: str) -> None:
         self._supervisor.refused += 1
@@ -204,24 +176,36 @@ class RobotEnd:
 
     # The tick
 
-    def _tick(self) -> None:
+    def tick(self) -> None:
+        """One control tick; `run` does them at the rate."""
         with self._lock:
-            self._take_command()
-            if self._releasing.is_set():
-                self._left = self._do_release()
-                self._releasing.clear()
-                self._released.set()
-            elif self._may_release_unasked():
+            self._take_commands()
+            if self._may_release_unasked():
                 self._do_release()
             output = self._supervisor.step(self._clock())
             sample = self._exchange(output.targets)
             if sample is not None:
                 self._supervisor.take_sensors(sample, self._clock())
-        self._ticks += 1
         if sample is not None:
-            for topic, payload in self._messages.of(sample, self._link.is_due):
-                self._link.send(topic, payload)
-        self._diagnose(output)
+            for topic, payload in self._messages.of(sample, self.link.is_due):
+                self.link.send(topic, payload)
+        diagnostics = self._report.of(output, self._line_trouble, self._overruns, self._clock(), self.link.status)
+        if diagnostics is not None:
+            self.link.send("/diagnostics", diagnostics)
+
+    def _take_commands(self) -> None:
+        """Executes the first usable one; whoever sent it owns the robot from then on."""
+        for sender, payload in self._commands.take().items():
+            try:
+                at, names, positions = decode_command(payload)
+                self._supervisor.take_command(at, names, positions, self._clock())
+            except RefusedCommandError:
+                continue  # counted, and told on the diagnostics
+            except ValueError as error:
+                self._refuse(str(error))
+                continue
+            self._commands.accepted(sender)
+            return
 
     def _may_release_unasked(self) -> bool:
         if not (self._auto_release and self._open and self._supervisor.waits_for_the_line_only):
@@ -231,18 +215,6 @@ class RobotEnd:
         if due:
             self._auto_release_at = now + REOPEN_PERIOD
         return due
-
-    def _take_command(self) -> None:
-        payload = self._newest.take()
-        if payload is None:
-            return
-        try:
-            at, names, positions = decode_command(payload)
-        except ValueError as error:
-            self._refuse(str(error))
-            return
-        with contextlib.suppress(RefusedCommandError):  # counted, and told on the diagnostics
-            self._supervisor.take_command(at, names, positions, self._clock())
 
     def _exchange(self, targets: ServoTargets) -> SensorSample | None:
         if not self._open and not self._reopen():
@@ -287,64 +259,6 @@ class RobotEnd:
             if self._open:
                 self._line.exchange(ServoTargets(self._supervisor.step(self._clock()).targets.positions, False))
         self._line.close()
-
-    # Diagnostics
-
-    def _write(self, output: Output) -> None:
-        if self._log is None:
-            return
-        stamped = self._supervisor.command_stamp
-        entry = {
-            "monotonic_ns": time.monotonic_ns(),
-            "state": str(output.state),
-            "causes": [str(cause) for cause in output.causes],
-            "command_age_ms": None if stamped is None else (self._clock() - stamped) * 1e-6,
-            "commands_received": self._newest.received,
-        }
-        try:
-            with self._log.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(entry) + "\n")
-        except OSError as error:  # a full card is no reason to let go of the robot
-            sys.stderr.write(f"robot_end: {self._log} cannot be written: {error}\n")
-            self._log = None
-
-    def _diagnose(self, output: Output) -> None:
-        changed = (output.state, output.causes) != self._told_state
-        now = time.monotonic()
-        if not changed and now - self._diagnosed_at < 1.0:
-            return
-        self._diagnosed_at, self._told_state = now, (output.state, output.causes)
-        supervisor = self._supervisor
-        if changed:
-            self._write(output)
-        why = "; ".join(supervisor.reason(cause) for cause in output.causes)
-        level = {State.FOLLOW: OK, State.HOLD: WARN}.get(output.state, ERROR)
-        safety: dict[str, object] = {
-            "state": output.state,
-            "causes": ", ".join(str(cause) for cause in output.causes),
-            "commands_received": self._newest.received,
-            "commands_accepted": supervisor.accepted,
-            "commands_refused": supervisor.refused,
-            "last_refusal": supervisor.last_refusal,
-        }
-        parts = [("robot_end: safety", level, f"{output.state}: {why}" if why else str(output.state), safety)]
-        if supervisor.refused > self._told_refused:
-            self._told_refused = supervisor.refused
-            parts.append(("robot_end: commands", WARN, f"refused: {supervisor.last_refusal}", {}))
-        for sentence, count in list(self._turned_away.items()):
-            if count > self._told_away[sentence]:
-                self._told_away[sentence] = count
-                parts.append(("robot_end: door", WARN, sentence, {"count": count}))
-        line = (OK, "open") if self._open and not self._line_trouble else (ERROR, self._line_trouble)
-        values: dict[str, object] = {"ticks": self._ticks, "overruns": self._overruns}
-        parts.append(("robot_end: line", *line, values))
-        status = self._link.status()
-        connected = (OK, "connected") if status["connected"] else (WARN, "nobody is heard")
-        parts.append(("robot_end: link", *connected, status))
-        self._link.send("/diagnostics", encode_diagnostics(self._clock(), self._robot.name, parts))
-        for name, at, sentence, _ in parts:
-            if at != OK and (changed or name in ("robot_end: door", "robot_end: commands")):
-                sys.stderr.write(f"{name}: {sentence}\n")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -73,7 +73,7 @@ class SensorSample:
     piezoelectric: Array
     """[V], shape (4,)"""
     orientation: Array
-    """Of the IMU in the world: unit quaternion (w, x, y, z)."""
+    """Of the IMU in the world: unit quaternion (w, x, y, z); anything else where the IMU has none."""
     angular_velocity: Array
     """[rad/s], shape (3,), IMU axes"""
     linear_acceleration: Array

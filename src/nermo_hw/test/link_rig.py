@@ -21,8 +21,8 @@ from nermo_hw.link.clock import SteadyClock
 from nermo_hw.link.config import DEFAULT, Side, Topic, load_link
 from nermo_hw.link.end import LinkEnd
 from nermo_hw.link.keys import make_keys
-from nermo_hw.link.messages import encode_bool, encode_command
-from nermo_hw.link.session import LinkError
+from nermo_hw.link.messages import decode_diagnostics, encode_command
+from nermo_hw.link.transport import LinkError
 
 PATIENCE_S = 60.0
 ROBOT = load_robot("nermo_lite")
@@ -33,15 +33,18 @@ WITHOUT_ROS = "import sys; sys.modules['rclpy'] = None; from nermo_hw.robot_end 
 class Workstation:
     """Sees what the robot says and answers each tick with a command, as the controller does."""
 
-    def __init__(self, link: Path) -> None:
+    def __init__(self, link: Path, name: str = "desk") -> None:
         self.states = 0
         self.tail = 0.0
         self.walking = True
+        self.told: dict[str, dict[str, str]] = {}
         self._last = 0
-        self._end = LinkEnd(load_link(link), Side.WORKSTATION, self._on_message, SteadyClock())
+        self._end = LinkEnd(load_link(link), Side.WORKSTATION, self._on_message, SteadyClock(), name=name)
         self._end.open()
 
-    def _on_message(self, topic: Topic, payload: bytes) -> None:
+    def _on_message(self, topic: Topic, payload: bytes, _: str) -> None:
+        if topic.name == "/diagnostics":
+            self.told |= decode_diagnostics(payload)
         if topic.name == "servo_states":
             self.states += 1
             at = stamp.read(payload)
@@ -51,8 +54,9 @@ class Workstation:
                 positions[SERVOS.index("tail")] = self.tail
                 self._end.send("servo_command", encode_command(at, SERVOS, positions))
 
-    def stop(self, pressed: bool) -> None:
-        self._end.send("emergency_stop", encode_bool(pressed))
+    def stop(self, pressed: bool, source: str = "pad") -> None:
+        self._end.stops.say(source, pressed)
+        self._end.beat()
 
     def release(self) -> str | None:
         try:

@@ -194,7 +194,7 @@ def test_points_are_counted_where_clocks_differ():
 def test_the_line_can_be_broken_in_every_way_and_the_same_seed_breaks_it_the_same_way():
     def counts() -> dict[str, int]:
         host = Host()
-        for name in ("drop", "double", "corrupt", "delay", "garbage"):
+        for name in ("drop", "double", "corrupt", "delay", "garbage", "wrong_id", "replay"):
             host.device.line_faults.set(name, 0.2)
         for _ in range(60):
             host.exchange(NEUTRAL)

@@ -16,7 +16,7 @@ from nermo_hw.device.faults import FaultError
 from nermo_hw.sbcp.boards import BODY_BOARD, SERVO_BOARDS
 from nermo_hw.serial.calibration import Calibration, Mounting, save_calibration
 from nermo_hw.serial.driver import Driver
-from nermo_hw.serial.port import find_port
+from nermo_hw.serial.port import find_port, open_port
 from nermo_hw.types import Fault, LineError, LineLostError, SensorSample, ServoTargets, SilentLineError
 
 ROBOT = load_robot("nermo_lite")
@@ -171,6 +171,27 @@ def test_bad_frames_are_counted_and_survived(device):
     assert exchange(driver, ServoTargets(NEUTRAL)).faults == 0
 
 
+@pytest.mark.parametrize("fault", ["wrong_id", "replay", "corrupt", "garbage", "delay"])
+def test_a_line_on_which_no_frame_is_right_brings_no_sample_and_recovers(device, fault):
+    driver = ready(device.link, reply_timeout=0.01)
+    exchange(driver, ServoTargets(NEUTRAL))
+    device.control.do("line_fault", name=fault, value=1.0)
+    try:
+        seen = [sample_or_none(driver) for _ in range(30)]
+    finally:
+        device.control.do("line_fault", name=fault, value=0.0)
+    if fault != "garbage":  # between frames it does no harm
+        assert [sample for sample in seen if sample is not None and not sample.missing] == []
+    assert exchange(driver, ServoTargets(NEUTRAL)).missing == ()
+
+
+def sample_or_none(driver: Driver) -> SensorSample | None:
+    try:
+        return driver.exchange(ServoTargets(NEUTRAL))
+    except SilentLineError:
+        return None
+
+
 def test_a_silent_board_and_a_silent_servo_are_named(device):
     driver = ready(device.link)
     exchange(driver, ServoTargets(NEUTRAL))
@@ -239,6 +260,11 @@ def test_targets_that_are_none_are_refused(targets):
 def test_ports_that_cannot_be_opened_are_told_in_a_sentence(port, text):
     with pytest.raises(LineError, match=text):
         Driver(ROBOT, port).open()
+
+
+def test_a_port_that_is_not_there_is_said_in_plain_words(tmp_path) -> None:
+    with pytest.raises(LineError, match=r"^port \S+/none is not there \(yet\)$"):
+        open_port(str(tmp_path / "none"), 0.1)
 
 
 def test_a_plain_port_is_taken_as_it_is():

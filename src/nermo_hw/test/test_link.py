@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import socket
-import subprocess
-import sys
-import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-import zenoh
 from emulated import until
+from link_door import Door, Intruder, config, free_port
 
 from nermo_description.parameter_files import ParameterError
 from nermo_hw.link import stamp
@@ -21,27 +15,11 @@ from nermo_hw.link.clock import LinkClock, SteadyClock
 from nermo_hw.link.config import DEFAULT, LinkConfig, Side, Topic, load_link
 from nermo_hw.link.end import LinkEnd
 from nermo_hw.link.keys import KeysError, make_keys
-from nermo_hw.link.messages import decode_command, encode_bool, encode_command
-from nermo_hw.link.session import LinkError, zenoh_settings
+from nermo_hw.link.messages import decode_command, encode_command
+from nermo_hw.link.transport import LinkError
 
 PATIENCE_S = 60.0
 MS = 1_000_000
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def config(keys: Path | None, endpoint: str, **more: object) -> LinkConfig:
-    overrides = [
-        ("keys", None if keys is None else str(keys)),
-        ("robot.endpoints", [endpoint]),
-        ("workstation.endpoints", [endpoint]),
-        *more.items(),
-    ]
-    return load_link(DEFAULT, overrides)
 
 
 @pytest.fixture(scope="module")
@@ -62,8 +40,8 @@ class Ends:
         self.robot = LinkEnd(settings, Side.ROBOT, self._keep(self.at_robot), lambda: here() + lead)
         self.workstation = LinkEnd(settings, Side.WORKSTATION, self._keep(self.at_workstation), here)
 
-    def _keep(self, place: list[tuple[str, bytes]]) -> Callable[[Topic, bytes], None]:
-        return lambda topic, payload: place.append((topic.name, payload))
+    def _keep(self, place: list[tuple[str, bytes]]) -> Callable[[Topic, bytes, str], None]:
+        return lambda topic, payload, _: place.append((topic.name, payload))
 
     def __enter__(self) -> Ends:
         self.robot.open()
@@ -101,15 +79,26 @@ def test_messages_cross_encrypted_and_their_stamps_change_clocks(encrypted: Ends
     assert abs(float(str(ends.workstation.status()["clock_offset_ms"])) - 86_400_000) < 1000
 
 
-def test_an_event_is_a_state_that_comes_once_per_change_however_often_it_is_repeated(encrypted: Ends) -> None:
-    ends = encrypted
-    ends.workstation.send("emergency_stop", encode_bool(True))
-    until(lambda: ends.at_robot, "it came")
-    sent = ends.workstation.counters["sent"]
-    until(lambda: ends.workstation.counters["sent"] > sent + 3, "it was repeated")
-    ends.workstation.send("emergency_stop", encode_bool(False))
-    until(lambda: len(ends.at_robot) > 1, "the change came")
-    assert ends.at_robot == [("emergency_stop", encode_bool(True)), ("emergency_stop", encode_bool(False))]
+def test_a_stop_is_a_state_that_is_told_with_every_heartbeat(encrypted: Ends) -> None:
+    here, there = encrypted.workstation, encrypted.robot
+    there.answer_release(there.stops.release)
+    until(lambda: _asked(encrypted) == "", "the service is known")
+
+    here.stops.say(b"\x01", True, "/nermo/teleop")
+    until(lambda: there.stops.active, "it came with a heartbeat")
+    refusal = "emergency_stop (/nermo/teleop still says stop: end it there first)"
+    until(lambda: _asked(encrypted) == refusal, "the release is refused")
+    here.stops.say(b"\x01", False)
+    here.stops.say(b"\x01", True, "/nermo/teleop")
+    here.stops.say(b"\x01", False)
+    until(lambda: "waits for a release" in str(there.stops), "its end came")
+    until(lambda: _asked(encrypted) == "", "the release is granted")
+    assert not there.stops.active and not here.stops.active
+
+    here.stops.press("SIGUSR1")  # begun and ended between two heartbeats
+    until(lambda: there.stops.active, "the second stop came")
+    there.stops.press("SIGUSR1")
+    assert str(there.stops) == "SIGUSR1 has said stop and waits for a release"
 
 
 def test_the_release_is_asked_for_and_answered_in_words(encrypted: Ends) -> None:
@@ -146,77 +135,6 @@ def test_the_workstation_comes_back_when_the_robot_does(keys: Path) -> None:
         again = LinkEnd(settings, Side.ROBOT, lambda *_: None, ends.clock)
         with again:
             until(lambda: ends.workstation.connected and again.connected, "they found each other again")
-
-
-DOOR = """
-import sys, time
-from pathlib import Path
-from nermo_hw.link.clock import SteadyClock
-from nermo_hw.link.config import LinkConfig, Side
-from nermo_hw.link.end import LinkEnd
-from nermo_hw.link.log_tap import LogTap
-
-def say(text):
-    sys.stderr.write(text + "\\n")
-    sys.stderr.flush()
-
-LogTap(lambda sentence: say("away: " + sentence))
-config = LinkConfig.model_validate_json(sys.argv[1])
-with LinkEnd(config, Side.ROBOT, lambda topic, payload: say("got: " + topic.name), SteadyClock()):
-    say("ready")
-    sys.stdin.read()
-"""
-
-
-class Door:
-    """A robot's end in a process of its own; its lines are who was turned away and what came through."""
-
-    def __init__(self, settings: LinkConfig) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", DOOR, settings.model_dump_json()],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        self.lines: list[str] = []
-        self.until("ready")
-
-    def until(self, start: str) -> str:
-        assert self.process.stderr is not None
-        for line in self.process.stderr:
-            self.lines.append(line.strip())
-            if line.startswith(start):
-                return line.strip()
-        raise AssertionError(f"the robot's end has ended: {self.lines}")
-
-    def close(self) -> None:
-        self.process.communicate(timeout=PATIENCE_S)
-
-
-class Intruder:
-    """Somebody with a zenoh of their own who sends commands, over and over."""
-
-    def __init__(self, settings: LinkConfig, tls: dict[str, object]) -> None:
-        plain = zenoh.Config()
-        for path, value in zenoh_settings(settings, Side.WORKSTATION).items():
-            if path not in ("transport/link/tls", "access_control"):
-                plain.insert_json5(path, json.dumps(value))
-        plain.insert_json5("transport/link/tls", json.dumps(tls))
-        self._session = zenoh.open(plain)
-        self._publisher = self._session.declare_publisher("nermo/servo_command", express=True)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._send)
-        self._thread.start()
-
-    def _send(self) -> None:
-        while not self._stop.wait(0.05):
-            self._publisher.put(encode_command(time.time_ns(), ["tail"], [0.5]))
-
-    def close(self) -> None:
-        self._stop.set()
-        self._thread.join()
-        self._session.close()
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 from emulated import until
-from link_rig import PATIENCE_S, WITHOUT_ROS, Rig
+from link_rig import PATIENCE_S, WITHOUT_ROS, Rig, Workstation
 
 pytestmark = pytest.mark.ros  # one by one: watchdogs and time-outs of real processes do not go with a busy processor
 
@@ -31,13 +31,31 @@ def test_it_is_limp_until_released_and_then_follows_the_commands(rig: Rig) -> No
     until(lambda: abs(rig.tail() - 0.5) < 0.01, "the tail is there")
 
 
-def test_the_pad_stops_it_and_ends_the_stop(rig: Rig) -> None:
+def test_a_stop_lasts_until_nobody_says_stop_and_somebody_releases(rig: Rig) -> None:
     rig.release()
     rig.workstation.stop(True)
     until(lambda: rig.state() == "limp" and not rig.energised(), "it is limp")
     assert rig.states()[-1]["causes"] == ["emergency_stop"]
+    refusal = "emergency_stop (pad still says stop: end it there first)"
+    until(lambda: rig.workstation.release() == refusal, "the release is refused, and says by whom")
     rig.workstation.stop(False)
-    until(lambda: rig.state() == "follow" and rig.energised(), "it follows again")
+    rig.workstation.stop(True)
+    until(lambda: rig.workstation.release() == refusal, "it is refused again")
+    assert rig.state() == "limp" and not rig.energised()
+    rig.workstation.stop(False)
+    rig.release()
+
+
+def test_the_end_of_the_pads_stop_does_not_end_that_of_a_signal(rig: Rig) -> None:
+    rig.release()
+    rig.process.send_signal(signal.SIGUSR1)
+    until(lambda: not rig.energised(), "it is limp")
+    seen = rig.workstation.states
+    rig.workstation.stop(True)
+    rig.workstation.stop(False)
+    until(lambda: rig.workstation.states > seen + 100, "it has had time to think about it")
+    assert rig.state() == "limp" and not rig.energised()
+    rig.release()
 
 
 def test_a_signal_stops_it_until_it_is_released(rig: Rig) -> None:
@@ -45,6 +63,21 @@ def test_a_signal_stops_it_until_it_is_released(rig: Rig) -> None:
     rig.process.send_signal(signal.SIGUSR1)
     until(lambda: rig.state() == "limp" and not rig.energised(), "it is limp")
     rig.release()
+
+
+def test_a_second_workstation_does_not_move_it_and_is_named(rig: Rig) -> None:
+    rig.workstation.tail = 0.5
+    rig.release()
+    until(lambda: abs(rig.tail() - 0.5) < 0.01, "the first one commands")
+    other = Workstation(rig.link, "lap")
+    other.tail = -0.5
+    try:
+        refusal = "refused: lap has to wait, desk commands until it is silent for 0.5 s"
+        until(lambda: rig.workstation.told["robot_end: owner"]["message"] == refusal, "it is refused and named")
+    finally:
+        other.close()
+    assert rig.state() == "follow"
+    assert rig.tail() == pytest.approx(0.5, abs=0.01)
 
 
 def test_silence_makes_it_hold_then_crouch_and_it_walks_on_by_itself(rig: Rig) -> None:

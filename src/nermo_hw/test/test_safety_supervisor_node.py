@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import threading
@@ -75,10 +76,10 @@ def test_release_stop_and_silence_reach_the_servos(bench: Node, tmp_path: Path) 
     def energised() -> bool:
         return bool(emulator.device.state()["energised"])
 
-    def released() -> bool:
+    def refusal() -> str:
         future = client.call_async(Trigger.Request())
         spin_until(bench, future.done, "the service answers")
-        return bool(future.result().success)
+        return str(future.result().message)
 
     bench.create_subscription(ServoStates, "servo_states", answer, qos.BEST_EFFORT)
     bench.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
@@ -86,12 +87,16 @@ def test_release_stop_and_silence_reach_the_servos(bench: Node, tmp_path: Path) 
         spin_until(bench, lambda: status.get("safety_supervisor: safety", "").startswith("limp: start"), "it is limp")
         spin_until(bench, lambda: not energised(), "its servos are limp")
         spin_until(bench, client.service_is_ready, "the service is there")
-        spin_until(bench, lambda: released() and energised(), "the servos have power")
+        spin_until(bench, lambda: refusal() == "" and energised(), "the servos have power")
         spin_until(bench, lambda: status["safety_supervisor: safety"] == "follow", "it follows")
         stops.publish(Bool(data=True))
         spin_until(bench, lambda: not energised(), "the stop has taken the power")
+        assert refusal() == "emergency_stop (/bench still says stop: end it there first)"
+        processes[1].send_signal(signal.SIGUSR1)
         stops.publish(Bool(data=False))
-        spin_until(bench, energised, "its end has given it back")
+        spin_until(bench, lambda: "SIGUSR1" in status["safety_supervisor: safety"], "the signal has come")
+        assert not energised()
+        spin_until(bench, lambda: refusal() == "" and energised(), "a release has given the power back")
         walking[0] = False
         spin_until(bench, lambda: "command_lost" in status["safety_supervisor: safety"], "it crouches")
         assert energised()

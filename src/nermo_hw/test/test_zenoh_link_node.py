@@ -18,6 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import BatteryState, Imu, JointState
+from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from nermo_hw.link.messages import DEFINITIONS, decode_command, encode_command
@@ -79,12 +80,12 @@ def test_the_graph_moves_the_robot_at_the_far_end(bench: Node, tmp_path: Path) -
         client = bench.create_client(Trigger, "zenoh_link/release")
         spin_until(bench, client.service_is_ready, "the service is there")
 
-        def released() -> bool:
+        def refusal() -> str:
             future = client.call_async(Trigger.Request())
             spin_until(bench, future.done, "the service answers")
-            return bool(future.result().success)
+            return str(future.result().message)
 
-        spin_until(bench, released, "the robot is released")
+        spin_until(bench, lambda: refusal() == "", "the robot is released")
         tail = SERVOS.index("tail")
 
         def there() -> bool:
@@ -95,6 +96,19 @@ def test_the_graph_moves_the_robot_at_the_far_end(bench: Node, tmp_path: Path) -
             return abs(seen["servo_states"].position[tail] - 0.5) < 0.02
 
         spin_until(bench, there, "the tail is there")
+
+        stops = bench.create_publisher(Bool, "emergency_stop", qos.LATCHED)
+        refused = "emergency_stop (/nermo/bench still says stop: end it there first)"
+        for _ in range(2):
+            stops.publish(Bool(data=True))
+            spin_until(bench, lambda: not rig.energised(), "the stop has taken the power")
+            spin_until(bench, lambda: refusal() == refused, "the release is refused in words")
+            stops.publish(Bool(data=False))
+            assert not rig.energised(), "the end of the stop is no release"
+        node.send_signal(signal.SIGUSR1)
+        waits = "limp: emergency_stop (/nermo/bench and SIGUSR1 have said stop and wait for a release)"
+        spin_until(bench, lambda: statuses["robot_end: safety"].startswith(waits), "a signal to the node is a stop too")
+        spin_until(bench, lambda: refusal() == "" and there(), "a release has given the power back")
         node.send_signal(signal.SIGINT)
         assert node.wait(PATIENCE_S) == 0
     finally:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
@@ -13,17 +14,15 @@ from rclpy.qos import QoSProfile
 from nermo_description.commanding import OWNER_SILENCE, Ownership, command_time
 from nermo_node import qos
 from nermo_node.diagnostics import OK, Status
+from nermo_node.inputs import Take, kind_name, unpack
 from nermo_node.time import to_message, to_nanoseconds
-
-Take = Callable[[Any], None]
-"""Takes a message; raises ValueError where it cannot be used."""
 
 UNNAMED = b""
 """The sender of a message of which ROS does not say whose it is."""
 
 
 class CommandInput:
-    """The command topics of one receiver, which together have one owner.
+    """The command topics of one receiver, which together have one owner; the door is that of `Inputs`.
 
     The first publisher whose command is usable owns them until it has been silent for `OWNER_SILENCE`; meanwhile all
     others are refused by name. Publishers are told apart by the identifier that the middleware gives each. A ROS that
@@ -43,16 +42,24 @@ class CommandInput:
         self._topics: list[str] = []
         self._names: dict[bytes, str] = {}
 
-    def subscribe(self, kind: type, topic: str, take: Take, profile: QoSProfile = qos.COMMAND) -> None:
-        """Hands messages with a header over to `take`, those of the owner alone; a stamp of 0 becomes now."""
+    def subscribe(
+        self, kind: type, topic: str, take: Take, profile: QoSProfile = qos.COMMAND_INPUT, *, raw: bool = False
+    ) -> None:
+        """Hands messages with a header over to `take`, those of the owner alone; a stamp of 0 becomes now.
 
-        def receive(message: Any, info: dict[str, Any]) -> None:
+        raw: as the bytes that came, with whatever stamp they have.
+        """
+        assert self._oldest is None or not raw, "stamps of raw messages are not read here"
+        name = kind_name(kind)
+
+        def receive(packed: bytes, info: dict[str, Any]) -> None:
             try:
-                self._receive(message, sender_of(info), take)
+                message = partial(unpack, kind, name, packed)
+                self._receive(message, sender_of(info), (lambda _: take(packed)) if raw else take)
             except ValueError as error:
                 self._refuse(f"{topic} refused: {error}")
 
-        subscription = self._node.create_subscription(kind, topic, WithInfo(receive), profile)
+        subscription = self._node.create_subscription(kind, topic, WithInfo(receive), profile, raw=True)
         self._topics.append(subscription.topic_name)
 
     def status(self) -> Status:
@@ -63,7 +70,7 @@ class CommandInput:
         name = self._name(owner)
         return OK, f"{name} commands", {"owner": name}
 
-    def _receive(self, message: Any, sender: bytes, take: Take) -> None:
+    def _receive(self, unpacked: Callable[[], Any], sender: bytes, take: Take) -> None:
         arrived = time.monotonic_ns()
         if sender == UNNAMED:
             self._insist_on_one_publisher()
@@ -74,6 +81,7 @@ class CommandInput:
                 f"{self._name(sender)} has to wait, {self._name(owner)} commands until it is silent for "
                 f"{OWNER_SILENCE:g} s"
             )
+        message = unpacked()
         if self._oldest is not None:
             stamp = to_nanoseconds(message.header.stamp)
             if (counts := command_time(stamp, self._now(), self._oldest, self._oldest)) != stamp:

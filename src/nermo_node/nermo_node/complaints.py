@@ -32,6 +32,10 @@ class Complaints:
                 self._logged_at = now
                 self._node.get_logger().warning(text)
 
+    def add_one(self, text: str) -> None:
+        """Takes one."""
+        self.add((text,))
+
     def status(self) -> Status:
         """WARN with the last complaint if there were any since the last call."""
         new, self._told = self._count - self._told, self._count

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Callable
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
@@ -15,10 +18,14 @@ from nermo_node import qos
 from nermo_node.command_input import UNNAMED, WithInfo, sender_of
 
 TOPIC = "emergency_stop"
+SIGNAL_PERIOD_S = 0.02
+"""Between two looks whether a signal has come."""
 
 
 class EmergencyStopInput:
     """Tells `stops` what each publisher says, and releases when somebody asks, at `release` and at `~/release`.
+
+    The signal SIGUSR1 to the process is a stop too, for a script or a key of the window manager.
 
     A publisher is a source of its own until it is gone, whatever its node is called. A ROS that does not hand over who
     published a message (Jazzy) knows one source for all.
@@ -40,9 +47,13 @@ class EmergencyStopInput:
         group: CallbackGroup | None = None,
     ) -> None:
         self._node, self._stops, self._changed, self._release = node, stops, changed, release
+        self._signalled = False
         node.create_subscription(Bool, TOPIC, WithInfo(self._receive), qos.STATE)
         for name in ("release", "~/release"):
             node.create_service(Trigger, name, self._on_release, callback_group=group)
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGUSR1, self._on_signal)
+            node.create_timer(SIGNAL_PERIOD_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def forget_the_gone(self) -> None:
         """Publishers that are not there any more say nothing."""
@@ -52,6 +63,16 @@ class EmergencyStopInput:
         sender = sender_of(info)
         self._stops.say(sender, bool(message.data), self._publishers().get(sender, f"a publisher of {TOPIC}"))
         self._changed()
+
+    def _on_signal(self, *_: object) -> None:
+        self._stops.press("SIGUSR1")
+        self._signalled = True
+
+    def _look(self) -> None:
+        """Handlers of signals run between any two instructions: what follows from one is done here."""
+        if self._signalled:
+            self._signalled = False
+            self._changed()
 
     def _publishers(self) -> dict[bytes, str]:
         found = {

@@ -7,6 +7,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 COMMAND = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 """Commands, for both sides: reliable, and only the newest counts."""
 
+COMMAND_INPUT = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE)
+"""Commands of several publishers, for the subscriber: with a depth of 1, whoever floods the topic pushes the others'
+newest command out before it is seen."""
+
 EVENT = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 """Questions and answers between nodes, for both sides: each counts."""
 

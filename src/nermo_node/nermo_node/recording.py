@@ -11,18 +11,20 @@ import os
 import struct
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import InvalidMagic, McapError
-from mcap.records import Channel, Chunk, Footer, McapRecord, Schema
-from mcap.records import Message as MessageRecord
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Schema
+from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC as MAGIC
 from numpy.typing import NDArray
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 Array = NDArray[Any]
 
@@ -31,8 +33,14 @@ class RecordingError(RuntimeError):
     """A recording cannot be written or read; the message is one sentence that names the file and the reason."""
 
 
+LONGEST_REASON = 200
+"""Characters of a library's words, which may repeat a whole schema."""
+
 _RECORD_HEADER = struct.Struct("<BQ")
 """Opcode and length of an MCAP record."""
+_MESSAGE = struct.Struct("<HIQQ")
+"""Channel, sequence, log time and publish time, before a message's data."""
+_OUTSIDE_CHUNKS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,22 +147,26 @@ class Recording:
         wanted = None if topics is None else frozenset(topics)
         schemas: dict[int, Schema] = {}
         channels: dict[int, Channel] = {}
-        for record in self._records():
-            if isinstance(record, MessageRecord):
-                channel = channels[record.channel_id]
-                if wanted is None or channel.topic in wanted:
-                    yield RawMessage(
-                        channel,
-                        schemas[channel.schema_id],
-                        record.log_time,
-                        record.publish_time,
-                        record.sequence,
-                        record.data,
-                    )
-            elif isinstance(record, Channel):
-                channels[record.id] = record
-            elif isinstance(record, Schema):
-                schemas[record.id] = record
+        left_out: set[int] = set()
+        for opcode, content, begin, end in self._records():
+            if opcode == Opcode.MESSAGE:
+                number, sequence, log_time, publish_time = _MESSAGE.unpack_from(content, begin)
+                if number in left_out:
+                    continue
+                channel = channels.get(number)
+                schema = None if channel is None else schemas.get(channel.schema_id)
+                if channel is None or schema is None:
+                    raise RecordingError(f"{self.path} is damaged: a message comes before its channel and schema")
+                data = content[begin + _MESSAGE.size : end]
+                yield RawMessage(channel, schema, log_time, publish_time, sequence, data)
+            elif opcode == Opcode.CHANNEL:
+                channel = Channel.read(ReadDataStream(BytesIO(content[begin:end])))
+                channels[channel.id] = channel
+                if wanted is not None and channel.topic not in wanted:
+                    left_out.add(channel.id)
+            elif opcode == Opcode.SCHEMA:
+                schema = Schema.read(ReadDataStream(BytesIO(content[begin:end])))
+                schemas[schema.id] = schema
 
     def decoded(self, topics: Iterable[str] | None = None) -> Iterator[tuple[RawMessage, Any]]:
         """Messages of some topics together with their decoded form: objects with the fields as attributes.
@@ -162,7 +174,7 @@ class Recording:
         Raises:
             RecordingError: as `raw`, or a topic is not in the recording.
         """
-        decoder = _Decoder()
+        decoder = _Decoder(self.path)
         for message in self.raw(self._checked(topics)):
             yield message, decoder(message)
 
@@ -210,45 +222,77 @@ class Recording:
                 raise RecordingError(f"{self.path} has no topic {name}; its topics: {', '.join(self.topics) or 'none'}")
         return wanted
 
-    def _records(self) -> Iterator[McapRecord]:
+    def _records(self) -> Iterator[tuple[int, bytes, int, int]]:
+        """Schemas, channels and messages, also those in chunks: opcode, bytes, and from where to where in them it is.
+
+        Plain offsets, since a recording has a million of them and most are not wanted.
+        """
         try:
             with self.path.open("rb") as file:
                 end = _end_of_whole_records(file)
-                if end == 0:
-                    return
-                for record in StreamReader(file, emit_chunks=True).records:
-                    if isinstance(record, Chunk):
-                        yield from breakup_chunk(record, validate_crc=True)
+                file.seek(len(MAGIC))
+                while file.tell() < end:
+                    opcode, length = _RECORD_HEADER.unpack(file.read(_RECORD_HEADER.size))
+                    if opcode == Opcode.CHUNK:
+                        content = self._unpacked(file.read(length))
+                        yield from _records_of_chunk(content)
+                    elif opcode in _OUTSIDE_CHUNKS:
+                        yield opcode, file.read(length), 0, length
                     else:
-                        yield record
+                        file.seek(length, os.SEEK_CUR)
                     if file.tell() >= end:
-                        self.complete = isinstance(record, Footer) and file.read() == MAGIC
-                        return
+                        self.complete = opcode == Opcode.FOOTER and file.read() == MAGIC
         except InvalidMagic:
             raise RecordingError(f"{self.path} is no MCAP file") from None
         except OSError as error:
             raise RecordingError(f"cannot read {self.path}: {error.strerror}") from None
-        except (McapError, ValueError) as error:
-            raise RecordingError(f"{self.path} is damaged: {error}") from None
+        except (McapError, ValueError, OverflowError, struct.error) as error:
+            raise RecordingError(f"{self.path} is damaged: {' '.join(str(error).split())}") from None
+
+    def _unpacked(self, chunk: bytes) -> bytes:
+        try:
+            stream, length = get_chunk_data_stream(Chunk.read(ReadDataStream(BytesIO(chunk))), validate_crc=True)
+            return stream.read(length)
+        except Exception as error:  # each codec has errors of its own
+            raise RecordingError(f"{self.path} is damaged: {' '.join(str(error).split())}") from None
+
+
+def _records_of_chunk(content: bytes) -> Iterator[tuple[int, bytes, int, int]]:
+    place, unpack, header = 0, _RECORD_HEADER.unpack_from, _RECORD_HEADER.size
+    while place + header <= len(content):
+        opcode, length = unpack(content, place)
+        begin = place + header
+        place = begin + length
+        yield opcode, content, begin, place
 
 
 class _Decoder:
     """Decodes messages by the schemas that the recording itself carries."""
 
-    def __init__(self) -> None:
+    def __init__(self, path: Path) -> None:
+        self._path = path
         self._types = get_typestore(Stores.EMPTY)
         self._known: set[str] = set()
 
     def __call__(self, message: RawMessage) -> Any:
         name = message.schema.name
         if name not in self._known:
-            types = get_types_from_msg(message.schema.data.decode(), name)
-            self._types.register({key: value for key, value in types.items() if key not in self._types.fielddefs})
+            try:
+                types = get_types_from_msg(message.schema.data.decode(), name)
+                self._types.register({key: value for key, value in types.items() if key not in self._types.fielddefs})
+            except (UnicodeDecodeError, TypesysError) as error:
+                raise self._unusable(message, f"its schema cannot be read: {error}") from error
             self._known.add(name)
         try:
             return self._types.deserialize_cdr(message.data, name)
-        except SerdeError as error:
-            raise RecordingError(f"a message of {message.topic} does not fit its type {name}: {error}") from None
+        except KeyError as error:
+            raise self._unusable(message, f"its schema does not say what {error.args[0]} is") from error
+        except (SerdeError, ValueError) as error:
+            raise self._unusable(message, f"a message does not fit its schema: {error}") from error
+
+    def _unusable(self, message: RawMessage, why: str) -> RecordingError:
+        text = " ".join(why.split())[:LONGEST_REASON]
+        return RecordingError(f"{self._path}: topic {message.topic} of type {message.schema.name}: {text}")
 
 
 def _end_of_whole_records(file: BinaryIO) -> int:

@@ -31,8 +31,9 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Runs the node that `factory` makes until SIGINT, SIGTERM or an error; returns the exit status.
 
     0 after a signal; its code after a SystemExit, by which a node ends itself; 1 when the node, a callback or its
-    `destroy_node` failed; 2 when a parameter or an argument is bad. What went wrong is logged in one sentence, its
-    traceback at debug level.
+    `destroy_node` failed; 2 when a parameter or an argument is bad, also where only a ValueError of the node's making
+    shows that: started again, it would end so again. What went wrong is logged in one sentence, its traceback at
+    debug level.
     """
     name = Path(sys.argv[0]).stem
     try:
@@ -43,7 +44,7 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     node: Node | None = None
     status = DONE
     try:
-        node = factory()
+        node = _make(factory)
         _spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
@@ -62,6 +63,15 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
         status = _report(node, name, error)
     rclpy.try_shutdown()
     return status
+
+
+def _make(factory: Callable[[], Node]) -> Node:
+    try:
+        return factory()
+    except ParameterError:
+        raise
+    except ValueError as error:
+        raise ParameterError(str(error)) from error
 
 
 def _spin(node: Node) -> None:

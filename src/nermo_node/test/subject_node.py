@@ -24,7 +24,7 @@ class Parameters(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     gain: float = Field(1.0, ge=0.0, le=2.0, description="A gain", json_schema_extra={"unit": "m"})
-    fails: Literal["", "constructor", "callback", "end"] = ""
+    fails: Literal["", "constructor", "value", "callback", "end"] = ""
     shape: Shape = Shape()
 
     @model_validator(mode="after")
@@ -40,7 +40,9 @@ class Subject(Node):
         self.values = declare(self, Parameters, self.changed)
         self.diagnostics = Diagnostics(self, "bench", {"gain": self.status})
         if self.values.fails == "constructor":
-            raise ValueError("the constructor failed")
+            raise RuntimeError("the constructor failed")
+        if self.values.fails == "value":
+            raise ValueError("the value does not do")
         self.create_timer(0.01, self.tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def changed(self, values: Parameters) -> None:

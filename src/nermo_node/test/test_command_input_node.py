@@ -108,6 +108,24 @@ def test_who_is_not_usable_keeps_nobody_out(robot: Robot) -> None:
     assert any("use_sim_time:=true" in text for text in robot.refused)
 
 
+def test_a_flood_of_stamps_from_the_future_does_not_push_the_good_commands_out(robot: Robot) -> None:
+    good, flood = robot.sender("good"), robot.sender("flood")
+    robot.until(lambda: bool(robot.taken), "the good one is heard", lambda: good.publish(command(0.3)))
+    robot.until(lambda: bool(robot.refused), "the flood is heard", lambda: flood.publish(command(0.1, NOW + 10**12)))
+    robot.taken.clear()
+
+    def flooded() -> None:
+        good.publish(command(0.3))
+        for _ in range(10):
+            flood.publish(command(0.1, NOW + 10**12))
+        for _ in range(15):  # an executor takes one message a turn
+            robot.executor.spin_once(timeout_sec=0.01)
+
+    robot.until(lambda: len(robot.taken) > 5, "the good one gets through", flooded)
+    assert {velocity for velocity, _ in robot.taken} == {0.3}
+    assert any("in the future" in text or "/flood has to wait, /good commands" in text for text in robot.refused)
+
+
 def test_a_command_without_a_stamp_counts_as_now(robot: Robot) -> None:
     publisher = robot.sender("typed_by_hand")
     robot.until(lambda: bool(robot.taken), "it is obeyed", lambda: publisher.publish(command(0.1)))

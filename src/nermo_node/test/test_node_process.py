@@ -121,6 +121,7 @@ def test_a_signal_ends_it_cleanly(bench: Node, start: Callable, number: signal.S
         (["-p", "gain:=1.5"], 2, "gain = 1.5 is unlucky"),
         (["-p", "shape.size:=-1"], 2, "parameter shape.size = -1"),
         (["-p", "fails:=constructor"], 1, "the constructor failed"),
+        (["-p", "fails:=value"], 2, "the value does not do"),
         (["-p", "fails:=callback"], 1, "the callback failed"),
         (["-p", "fails:=end"], 1, "the end failed"),
         (["-p", "nonsense"], 2, "bad arguments"),

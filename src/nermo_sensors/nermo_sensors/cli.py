@@ -90,7 +90,7 @@ def fit(
     nermo sensors fit run1.csv
     nermo sensors fit run1.csv --out pictures --json fit.json --save my_foot.yaml
     """
-    from nermo_sensors.bench.recording import BenchRecording
+    from nermo_sensors.bench.table import BenchRecording
     from nermo_sensors.identification.calibrate import calibrate
     from nermo_sensors.parameters import load_tactile
 
@@ -150,7 +150,7 @@ def tune(
     nermo sensors tune run2.csv --estimator f1 --objective thesis
     nermo sensors tune run2.csv --robot my_foot.yaml --save my_foot.yaml
     """
-    from nermo_sensors.bench.recording import BenchRecording
+    from nermo_sensors.bench.table import BenchRecording
     from nermo_sensors.parameters import load_tactile
     from nermo_sensors.tuning import tune as search
 
@@ -249,7 +249,7 @@ def _save(parameters: Any, path: Path | None) -> None:
 @contextlib.contextmanager
 def _told() -> Iterator[None]:
     """Bad input ends the command with its own words: 2 where it cannot be used, 1 where it says too little."""
-    from nermo_sensors.bench.recording import RecordingError
+    from nermo_sensors.bench.table import RecordingError
     from nermo_sensors.identification.fit import UnidentifiableError
 
     try:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from nermo_sensors.bench.recording import BenchRecording
+from nermo_sensors.bench.table import BenchRecording
 from nermo_sensors.identification.fit import Fit
 from nermo_sensors.identification.piezoresistive import force_rate
 from nermo_sensors.models.piezoresistive import Sigmoid, SigmoidPair

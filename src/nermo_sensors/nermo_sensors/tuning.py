@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from nermo_sensors.bench.recording import BenchRecording
+from nermo_sensors.bench.table import BenchRecording
 from nermo_sensors.estimation.load_filter import make_model
 from nermo_sensors.estimation.offline import Estimates, estimate
 from nermo_sensors.parameters import Calibration, Noises

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from nermo_description.results import CommandError
 from nermo_sensors.bench.command import bench_sensors
 from nermo_sensors.bench.figure import figure_rows
-from nermo_sensors.bench.recording import BenchRecording
+from nermo_sensors.bench.table import BenchRecording
 from nermo_sensors.cli import sensors_app
 from nermo_sensors.parameters import load_tactile
 

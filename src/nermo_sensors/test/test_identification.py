@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nermo_sensors.bench.recording import BenchRecording, RecordingError
 from nermo_sensors.bench.rig import Rig, bump, smooth_bump
+from nermo_sensors.bench.table import BenchRecording, RecordingError
 from nermo_sensors.identification.calibrate import calibrate
 from nermo_sensors.identification.fit import UnidentifiableError, Unknown, fit
 from nermo_sensors.identification.piezoelectric import fit_charge, fit_rate, fit_rate_acceleration

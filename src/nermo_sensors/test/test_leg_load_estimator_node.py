@@ -41,7 +41,7 @@ class Feet:
         self._publisher = self.node.create_publisher(Tactile, "tactile", qos.SENSOR)
         self.loads: list[LegLoads] = []
         self.diagnostics: list[DiagnosticArray] = []
-        self.node.create_subscription(LegLoads, "leg_loads", self.loads.append, 100)
+        self._listening = self.node.create_subscription(LegLoads, "leg_loads", self.loads.append, 100)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnostics.append, 100)
 
     def press(self, loads: list[float], broken: bool = False) -> LegLoads:
@@ -62,6 +62,21 @@ class Feet:
 
         self.until(answered, "leg_loads came", 0.05)
         return self.loads[-1]
+
+    def listen(self, whether: bool) -> None:
+        """Begins or ends to listen to the loads."""
+        if whether:
+            self._listening = self.node.create_subscription(LegLoads, "leg_loads", self.loads.append, 100)
+        else:
+            self.node.destroy_subscription(self._listening)
+
+    def send(self, loads: list[float]) -> None:
+        """One sample, whether or not it is answered."""
+        static, dynamic = self._feet.read(loads, 0.005)
+        self._stamp += 5_000_000
+        message = Tactile(piezoresistive=array("d", static), piezoelectric=array("d", dynamic))
+        message.header.stamp = to_message(self._stamp)
+        self._publisher.publish(message)
 
     def until(self, condition: Callable[[], Any], what: str, patience: float = 0.1) -> None:
         deadline = time.monotonic() + PATIENCE
@@ -115,6 +130,40 @@ def test_loads_follow_and_faults_are_told(feet: Feet) -> None:
     for _ in range(3):
         answer = feet.press([0.7, 0.7, 0.7, 0.0])
     assert not any(answer.contact)
+
+
+def test_samples_are_passed_over_only_while_nobody_listens(feet: Feet) -> None:
+    loads = [0.7, 0.7, 0.7, 0.0]
+    for _ in range(20):
+        feet.press(loads)
+
+    def passed_over() -> int:
+        told = [
+            int(pair.value)
+            for message in feet.diagnostics
+            for status in message.status
+            for pair in status.values
+            if pair.key == "passed_over"
+        ]
+        return max(told, default=0)
+
+    feet.until(lambda: bool(feet.diagnostics), "there are diagnostics")
+    assert passed_over() == 0
+    feet.listen(False)
+
+    def some_were() -> bool:
+        feet.send(loads)
+        return passed_over() > 20
+
+    feet.until(some_were, "samples are passed over", 0.005)
+    feet.listen(True)
+    feet.press(loads)
+    heard = len(feet.loads)
+    answers = [feet.press(loads) for _ in range(10)]
+    stamps = {to_nanoseconds(answer.header.stamp) for answer in answers}
+    assert len(stamps) == 10
+    assert len(feet.loads) >= heard + 10
+    assert list(answers[-1].load)[:3] == pytest.approx([0.7] * 3, abs=0.35)
 
 
 def test_wrong_feet_are_refused() -> None:

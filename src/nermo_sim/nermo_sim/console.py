@@ -29,6 +29,30 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
+class Counter:
+    """Counts steps that are done one by one, beyond what was expected too."""
+
+    def __init__(self, report: Callable[[int, int], None], expected: int) -> None:
+        self._report, self.expected = report, expected
+        self.done = 0
+
+    def advance(self) -> None:
+        """One more is done."""
+        self.done += 1
+        self._report(self.done, max(self.done, self.expected))
+
+    def plan(self, more: int) -> None:
+        """So many are to come."""
+        self.expected = self.done + more
+
+
+@contextlib.contextmanager
+def counting(what: str, expected: int = 0) -> Iterator[Counter]:
+    """`progress` of steps that are done one by one."""
+    with progress(what) as report:
+        yield Counter(report, expected)
+
+
 def print_rows(title: str, rows: list[dict[str, Any]], columns: Sequence[str]) -> None:
     """Some columns of rows as a table."""
     table = Table(title=title)

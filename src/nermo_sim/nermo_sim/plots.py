@@ -63,10 +63,12 @@ def plot_speeds(rows: Sequence[dict[str, Any]], path: Path) -> None:
     figure = Figure(figsize=(10.0, 4.5), layout="constrained")
     by_frequency, by_stride = figure.subplots(1, 2)
     longest = max(row["stride_m"] for row in rows)
-    for index, (gait, spine) in enumerate(dict.fromkeys((row["gait"], row["spine"]) for row in rows)):
-        of_gait = [row for row in rows if (row["gait"], row["spine"]) == (gait, spine)]
+    kinds = dict.fromkeys(map(_kind, rows))
+    for index, kind in enumerate(kinds):
+        gait, spine, offsets = kind
+        of_gait = [row for row in rows if _kind(row) == kind]
         full = [row for row in of_gait if row["stride_m"] == longest]
-        label = f"{gait.replace('_', ' ')}, spine {'on' if spine else 'off'}"
+        label = f"{gait.replace('_', ' ')}, spine {'with offsets' if offsets else 'on' if spine else 'off'}"
         _speeds(by_frequency, full, "frequency_hz", label, f"C{index}")
         strides = [row for row in of_gait if row["frequency_hz"] == 0.8]
         if len(strides) > 1:
@@ -81,11 +83,23 @@ def plot_speeds(rows: Sequence[dict[str, Any]], path: Path) -> None:
     figure.savefig(path, dpi=120)
 
 
+def _kind(row: dict[str, Any]) -> tuple[str, bool, bool]:
+    """Runs that one line joins: gait, spine, and whether offsets make up for the hip's roll in it."""
+    return row["gait"], row["spine"], row["offset_compensation"]
+
+
+def spreads(rows: Sequence[dict[str, Any]]) -> list[float] | None:
+    """Deviations of the speeds [m/s], for error bars; None where every run was made once, and has none."""
+    several = [row["repeats"] > 1 for row in rows]
+    if not any(several):
+        return None
+    return [row["speed_sd_m_s"] if repeated else 0.0 for row, repeated in zip(rows, several, strict=True)]
+
+
 def _speeds(axes: Axes, rows: Sequence[dict[str, Any]], over: str, label: str, color: str) -> None:
     rows = sorted(rows, key=lambda row: float(row[over]))
     where = [row[over] for row in rows]
-    deviations = [row["speed_sd_m_s"] for row in rows]
-    axes.errorbar(where, [row["speed_m_s"] for row in rows], deviations, marker="o", label=label, color=color)
+    axes.errorbar(where, [row["speed_m_s"] for row in rows], spreads(rows), marker="o", label=label, color=color)
     axes.plot(where, [row["theory_m_s"] for row in rows], "--", color=color, alpha=0.5)
     printed = [(row[over], row["thesis_m_s"]) for row in rows if row["thesis_m_s"] is not None]
     if printed:

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from nermo_sim.console import console
 from nermo_sim.divergence import STATE
 from nermo_sim.recording import Recording
 
@@ -88,3 +89,13 @@ def save_video(
             mujoco.mj_setState(model, data, recording.states[row], STATE)
             mujoco.mj_forward(model, data)
             video.append_data(renderer.picture(data, camera))  # type: ignore[attr-defined]
+
+
+def film(path: Path, model: mujoco.MjModel, recording: Recording) -> list[Path]:
+    """A video, where there is OpenGL to draw it with; otherwise the terminal says why there is none."""
+    try:
+        save_video(path, model, recording)
+    except RenderingUnavailableError as error:
+        console.print(f"no video: {error}")
+        return []
+    return [path]

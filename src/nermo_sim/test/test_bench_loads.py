@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nermo_sensors.bench.walk import judge_walk
-from nermo_sim.bench_loads import walk_and_feel
+from nermo_sim.bench.loads import walk_and_feel
 
 
 def test_loads_of_a_walk_follow_the_contact_forces() -> None:

@@ -14,7 +14,7 @@ import yaml
 
 from nermo_description.parameters import RobotParameters
 from nermo_description.robots import load_robot
-from nermo_sim.calibrate.cli import before_and_after
+from nermo_sim.calibrate.command import before_and_after
 from nermo_sim.calibrate.determined import determined
 from nermo_sim.calibrate.numbers import NUMBERS, differences, values_of, variant
 from nermo_sim.calibrate.search import Candidate, Found

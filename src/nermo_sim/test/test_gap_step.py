@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,10 @@ import pytest
 from typer.testing import CliRunner
 
 from nermo_description.results import CommandError
-from nermo_sim import cli
 from nermo_sim.disturbance import NO_DISTURBANCE
 from nermo_sim.experiments import gap_step
+from nermo_sim.experiments.cli import experiment_app
+from nermo_sim.experiments.registry import EXPERIMENTS
 from nermo_sim.experiments.runs import Job, Result, Settings
 
 SETTINGS = Settings("cheetah_cub", disturbance=NO_DISTURBANCE)
@@ -46,10 +48,10 @@ def test_command_writes_rates_with_their_intervals(tmp_path: Path, monkeypatch: 
             "footfalls": [{"leg": "front_left", "mm": [60.0, 70.0], "shift_mm": 20.0}],
         }
 
-    monkeypatch.setattr(gap_step, "run", run)
+    monkeypatch.setitem(EXPERIMENTS, "gap-step", replace(gap_step.EXPERIMENT, run=run))
     arguments = ["gap-step", "--quick", "--repeats", "4", "--workers", "1", "--no-video"]
     result = CliRunner().invoke(
-        cli.experiment_app, [*arguments, "--out", str(tmp_path), "--json", str(tmp_path / "gap.json")]
+        experiment_app, [*arguments, "--out", str(tmp_path), "--json", str(tmp_path / "gap.json")]
     )
     assert result.exit_code == 0, result.output
     written: dict[str, Any] = json.loads((tmp_path / "gap.json").read_text())
@@ -62,6 +64,6 @@ def test_command_writes_rates_with_their_intervals(tmp_path: Path, monkeypatch: 
 
 
 def test_a_mouse_is_refused(tmp_path: Path) -> None:
-    result = CliRunner().invoke(cli.experiment_app, ["gap-step", "--robot", "nermo_lite", "--out", str(tmp_path)])
+    result = CliRunner().invoke(experiment_app, ["gap-step", "--robot", "nermo_lite", "--out", str(tmp_path)])
     assert isinstance(result.exception, CommandError)
     assert result.exception.status == 2

@@ -11,11 +11,10 @@ from nermo_control.legs.aslp import AslpPose
 from nermo_control.legs.aslp_symbolic import minimal_functions
 from nermo_control.pantograph_controller import aslp_leg, aslp_springs
 from nermo_description.pantograph import PantographParameters
-from nermo_description.results import CommandError
-from nermo_description.robots import load_any_robot
+from nermo_description.robots import ParameterError, load_any_robot
 from nermo_sim.experiments import stability
 from nermo_sim.experiments.runs import Job, Settings
-from nermo_sim.leg_dynamics.bench import build_bench, comes_to_rest, trajectory
+from nermo_sim.leg_dynamics.fixed_base import build_fixed_base, comes_to_rest, trajectory
 from nermo_sim.leg_dynamics.massless import Equilibrium, FollowingLegs, look_up_table
 
 
@@ -115,18 +114,18 @@ def test_table_is_a_stiffening_leg(robot):
 
 
 def test_viscous_friction_follows_the_equilibrium_and_takes_energy(robot):
-    bench = build_bench(robot, "massless_friction")
-    assert comes_to_rest(bench, 5e-4, "semi_implicit")
-    assert isinstance(bench.forces, FollowingLegs)
-    assert 0.0 < bench.forces.dissipated < 2.0 * bench.start_energy
-    length, theta = float(bench.data.qpos[1]), float(bench.data.qpos[2])
-    assert bench.forces.knees[0] == pytest.approx(bench.forces._equilibrium.knee(length, theta), abs=0.02)
+    base = build_fixed_base(robot, "massless_friction")
+    assert comes_to_rest(base, 5e-4, "semi_implicit")
+    assert isinstance(base.forces, FollowingLegs)
+    assert 0.0 < base.forces.dissipated < 2.0 * base.start_energy
+    length, theta = float(base.data.qpos[1]), float(base.data.qpos[2])
+    assert base.forces.knees[0] == pytest.approx(base.forces._equilibrium.knee(length, theta), abs=0.02)
 
 
 @pytest.mark.parametrize("kind", ["constraints", "minimal", "massless"])
 def test_long_steps_are_told_from_stable_ones(robot, kind):
-    assert comes_to_rest(build_bench(robot, kind), 2e-4, "semi_implicit")
-    assert not comes_to_rest(build_bench(robot, kind), 1.5e-2, "semi_implicit")
+    assert comes_to_rest(build_fixed_base(robot, kind), 2e-4, "semi_implicit")
+    assert not comes_to_rest(build_fixed_base(robot, kind), 1.5e-2, "semi_implicit")
 
 
 def test_experiment_counts_as_the_thesis_does(robot):
@@ -135,6 +134,8 @@ def test_experiment_counts_as_the_thesis_does(robot):
     case = stability.Case("step", "massless", "euler")
     found = stability.run(Job(case, 0, Settings("cheetah_cub", quick=True)))
     assert 5e-4 < found["largest_step_s"] < 1e-2
-    with pytest.raises(CommandError, match="robot 'nermo_lite' has no pantograph legs"):
-        stability.pantograph_robot("nermo_lite")
+    with pytest.raises(
+        ParameterError, match="'nermo_lite' is of the family mouse; needed here is pantograph: cheetah_cub"
+    ):
+        stability.run(Job(case, 0, Settings("nermo_lite", quick=True)))
     assert math.isfinite(found["step_cost_s"])

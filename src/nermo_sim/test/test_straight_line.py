@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_description.parameters import RobotParameters
@@ -124,7 +125,8 @@ def test_measured_speed_is_the_way_over_the_time(recording: Recording) -> None:
 
 def test_pictures_are_drawn(walked: tuple[Recording, Twin], tmp_path: Path) -> None:
     recording, twin = walked
-    row = {"gait": "trot", "spine": False, "stride_m": 0.06, "speed_m_s": 0.09, "speed_sd_m_s": 0.001}
+    row = {"gait": "trot", "spine": False, "offset_compensation": False, "stride_m": 0.06, "repeats": 5}
+    row |= {"speed_m_s": 0.09, "speed_sd_m_s": 0.001}
     rows = [{**row, "frequency_hz": f, "theory_m_s": 0.12 * f, "thesis_m_s": None} for f in (0.5, 0.8)]
     plot_run(recording, tmp_path / "run.png", "a run")
     plot_speeds(rows, tmp_path / "speed.png")
@@ -141,3 +143,31 @@ def test_an_empty_recording_makes_no_video(walked: tuple[Recording, Twin], tmp_p
     recording, twin = walked
     with pytest.raises(ValueError, match="empty"):
         save_video(tmp_path / "mouse.mp4", twin.model, recording.part(2.0, 1.0))
+
+
+def test_lines_join_runs_of_one_kind_and_single_runs_have_no_error_bars(tmp_path: Path) -> None:
+    row = {"gait": "trot", "stride_m": 0.07, "thesis_m_s": None, "theory_m_s": 0.1, "repeats": 1, "speed_sd_m_s": 0.0}
+    rows = [
+        {
+            **row,
+            "frequency_hz": frequency,
+            "spine": spine,
+            "offset_compensation": offsets,
+            "speed_m_s": 0.05 + frequency,
+        }
+        for frequency in (0.4, 0.8)
+        for spine, offsets in ((False, False), (True, False), (True, True))
+    ]
+    drawn: list[Figure] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
+        plot_speeds(rows, tmp_path / "speeds.png")
+        plot_speeds([{**one, "repeats": 5, "speed_sd_m_s": 0.01} for one in rows], tmp_path / "speeds.png")
+    single, repeated = (figure.axes[0] for figure in drawn)
+    names = [text.get_text() for text in single.get_legend().get_texts()]
+    assert names == ["trot, spine off", "trot, spine on", "trot, spine with offsets"]
+    for line in single.lines:
+        places = list(line.get_xdata())
+        assert len(places) == len(set(places)), "a line goes straight up"
+    assert not [bars for container in single.containers for bars in container[2]]
+    assert len([bars for container in repeated.containers for bars in container[2]]) == 3

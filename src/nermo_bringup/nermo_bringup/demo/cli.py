@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from nermo_bringup.network import NetworkOption, use_network
+
 
 def demo(
     robot: Annotated[str, typer.Option(help="Name of a robot, or path of its parameter file.")] = "nermo_lite",
@@ -20,6 +22,7 @@ def demo(
         bool, typer.Option("--stepped", help="The twin waits for each command: as slow as it must, and deterministic.")
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the twin's sensor noise.")] = 0,
+    network: NetworkOption = None,
     json: Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")] = None,
 ) -> None:
     """Walk the mouse through all it can do, in the whole ROS graph on the twin.
@@ -36,5 +39,6 @@ def demo(
 
     from nermo_bringup.demo.command import Settings, run_demo
 
+    use_network(network)
     settings = Settings(robot, out, quick, real_time_factor, stepped, video, seed)
     raise typer.Exit(0 if run_demo(settings, json, Console()) else 1)

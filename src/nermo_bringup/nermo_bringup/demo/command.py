@@ -16,17 +16,17 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from nermo_bringup.demo import evaluation, pictures
-from nermo_bringup.demo.graph import running_graph
 from nermo_bringup.demo.plan import LIFTED, WALK_SPEED_M_S, Plan, make_plan
 from nermo_bringup.launch.description import load
 from nermo_bringup.launch.executables import find_launch_file
+from nermo_bringup.launch.running_graph import running_graph
 from nermo_bringup.recording.errors import RecordingError
-from nermo_bringup.recording.reader import Recording
 from nermo_bringup.recording.taps import dated_directory
-from nermo_control.gait.knowledge_base import GaitParameters, gait_speed
+from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_description.parameters import RobotParameters
 from nermo_description.results import CommandError, write_results
 from nermo_description.robots import load_robot
+from nermo_node.recording import Recording
 
 NAMESPACE = "nermo"
 GAIT_FREQUENCY_HZ = 0.8
@@ -160,11 +160,7 @@ def _judge(recording: Recording, plan: Plan, gaits: GaitParameters) -> tuple[Out
             balance = evaluation.judge_balance(track, scene, forces, LIFTED)
         elif scene.kind == "sit":
             nose_lift = evaluation.sitting_pitch(track, scene)
-    stride = min(gaits.front.max_stride_length, gaits.rear.max_stride_length)
-    no_slip = {
-        name: min(gait_speed(plan.gait_frequency, stride, gait.gait_factor), WALK_SPEED_M_S)
-        for name, gait in gaits.gaits.items()
-    }
+    no_slip = {name: min(gaits.fastest(name, plan.gait_frequency), WALK_SPEED_M_S) for name in gaits.gaits}
     complaints = evaluation.complaints(walks, turns, spine_turn, balance, nose_lift, plan, no_slip)
     health = evaluation.read_health(recording)
     return Outcome(walks, turns, spine_turn, balance, nose_lift, health, complaints), track, start

@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from nermo_bringup.demo.plan import Plan, Scene
 from nermo_bringup.recording.errors import RecordingError
-from nermo_bringup.recording.reader import Recording, TopicData
 from nermo_control.lift import LIFT_DURATION, SHIFT_DURATION
 from nermo_control.types import Posture
 from nermo_description.parameters import LEGS
+from nermo_node.recording import Recording, TopicData
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from nermo_bringup.demo.evaluation import Track
 from nermo_bringup.demo.plan import LIFTED, Plan, Scene
-from nermo_bringup.recording.reader import Recording
 from nermo_description.parameters import LEGS, RobotParameters
+from nermo_node.recording import Recording
 
 FRAME_RATE = 12.5
 GAIT_WINDOW_S = 3.0

@@ -17,6 +17,7 @@ from pathlib import Path
 from nermo_bringup.environment import checks, python_packages, ros, workspace
 from nermo_bringup.environment.checkout import checkout_root
 from nermo_bringup.environment.steps import SetupError
+from nermo_description.invocation import called
 from nermo_description.results import CommandError, write_results
 
 _ASK_RMW = "import rclpy.utilities as u; print(u.get_rmw_implementation_identifier())"
@@ -130,10 +131,10 @@ def _network_namespaces() -> Row:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; returns 0 where Nermo can run, 1 where something required is missing."""
     parser = argparse.ArgumentParser(
-        prog="nermo doctor",
+        prog=f"{called()} doctor",
         description="Say what is installed, what is missing, and what to do about it.",
         epilog="Exit status 0 where Nermo can run, 1 where something that it needs is missing. "
-        "Examples: nermo doctor; nermo doctor --json doctor.json",
+        f"Examples: {called()} doctor; {called()} doctor --json doctor.json",
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the findings to this file")
     parser.add_argument("--root", type=Path, help=argparse.SUPPRESS)

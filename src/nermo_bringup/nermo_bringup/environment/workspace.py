@@ -66,9 +66,13 @@ class Workspace:
         if shutil.which("make", path=environment["PATH"]) is None:
             environment.setdefault("CMAKE_GENERATOR", "Ninja")
         failed: list[str] = []
+        at_work: list[str] = []
 
         def on_line(line: str) -> None:
-            if line.startswith("Finished <<<"):
+            if line.startswith("Starting >>>"):
+                at_work.append(line.split()[2])
+            elif line.startswith("Finished <<<"):
+                at_work.remove(line.split()[2])
                 say("  built " + line.removeprefix("Finished <<<").strip())
             elif line.startswith("Failed   <<<"):
                 failed.append(line.split()[2])
@@ -80,7 +84,13 @@ class Workspace:
         command += ["--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_TESTING=OFF", "--no-warn-unused-cli"]
         keys = self._keys()
         try:
-            step(f"building {len(stale)} of {len(keys)} packages", command, environment, on_line)
+            step(
+                f"building {len(stale)} of {len(keys)} packages",
+                command,
+                environment,
+                on_line,
+                lambda: _at_work(at_work),
+            )
         except SetupError as error:
             if failed:
                 log = self._root / "log" / "latest_build" / failed[0] / "stdout_stderr.log"
@@ -107,6 +117,13 @@ class Workspace:
     def _keys(self) -> dict[str, str]:
         """For each package a hash of what its build depends on."""
         return {_name(folder): _key(folder) for folder in self._folders}
+
+
+def _at_work(packages: list[str]) -> str:
+    """What colcon is building, in words."""
+    what = " and ".join(packages)
+    compiled = any(name.endswith(("_interfaces", "_msgs")) for name in packages)
+    return what and f"building {what}{', messages take a minute or two to compile' if compiled else ''}"
 
 
 def _name(folder: Path) -> str:

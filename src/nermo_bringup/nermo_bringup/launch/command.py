@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 from nermo_bringup.launch.description import load, load_arguments
 from nermo_bringup.launch.executables import find_executable, find_launch_file
 from nermo_bringup.launch.runner import launch
+from nermo_bringup.network import use_network
+from nermo_description.invocation import run_line
 from nermo_description.results import CommandError
-from nermo_description.robots import pantograph_names
+from nermo_description.robots import MOUSE, ParameterError, family_of
 
 MAIN_FILE = "nermo.launch.xml"
 TARGETS = ("sim", "serial", "link")
@@ -51,7 +54,9 @@ def launch_words(package: str, words: Sequence[str], *, show_args: bool) -> int:
     return launch(load(file, read_arguments(words)).nodes)
 
 
-def bring_up(robot: str, target: str, record: str, words: Sequence[str]) -> int:
+def bring_up(
+    robot: str, target: str, record: str, words: Sequence[str], network: Literal["localhost", "subnet"] | None = None
+) -> int:
     """Runs `nermo up`.
 
     Args:
@@ -59,13 +64,17 @@ def bring_up(robot: str, target: str, record: str, words: Sequence[str]) -> int:
         target: One of `TARGETS`.
         record: Folder to record into, or an empty string.
         words: Further arguments of the launch file.
+        network: Who may take part; None leaves it to the environment.
 
     Raises:
-        CommandError: An option is wrong, or what the target needs is not installed.
+        CommandError: An option is wrong, the robot is not known, or what the target needs is not installed.
     """
+    arguments = {"robot": robot, "target": target, **({"record": str(Path(record).absolute())} if record else {})}
+    arguments |= read_arguments(words)
+    robot, target, record = arguments["robot"], arguments["target"], arguments.get("record", "none")
     if target not in TARGETS:
         raise CommandError(f"--target {target} is not one of: {', '.join(TARGETS)}.", status=2)
-    if robot in pantograph_names() and target != "sim":
+    if check_robot(robot) != MOUSE and target != "sim":
         raise CommandError(
             f"--target {target}: there are no electronics for {robot}; --target sim walks its twin.", status=2
         )
@@ -78,19 +87,27 @@ def bring_up(robot: str, target: str, record: str, words: Sequence[str]) -> int:
                 f"--target {target} needs {executable} of the hardware package {package}, which is not installed; "
                 "--target sim walks the twin."
             ) from error
-    if record and Path(record).exists():
+    if record != "none" and Path(record).exists():
         raise CommandError(f"--record {record} exists already; name a new folder.", status=2)
-    arguments = {"robot": robot, "target": target, **({"record": str(Path(record).absolute())} if record else {})}
-    arguments |= read_arguments(words)
     if target == "link" and arguments.get("port", "twin") == "twin":
         _make_missing_keys()
     nodes = load(find_launch_file("nermo_bringup", MAIN_FILE), arguments).nodes
+    use_network(network)
+    namespace = arguments.get("namespace", "nermo")
     print(
-        "Drive it with a gamepad, or from a second terminal: nermo run nermo_bringup keyboard_teleop --ros-args "
-        f"-r __ns:=/{arguments.get('namespace', 'nermo')}\nCtrl-C ends all.",
+        "Drive it with a gamepad, or from a second terminal: "
+        f"{run_line('nermo_bringup', 'keyboard_teleop')} --ros-args -r __ns:=/{namespace}\nCtrl-C ends all.",
         flush=True,
     )
     return launch(nodes)
+
+
+def check_robot(robot: str) -> str:
+    """The robot's family. Raises CommandError where there is no such robot, before any node is started for it."""
+    try:
+        return family_of(robot)
+    except ParameterError as error:
+        raise CommandError(f"--robot: {error}", status=2) from error
 
 
 def _make_missing_keys() -> None:

@@ -10,10 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import yaml
-
 from nermo_bringup.launch.substitution import Substituter, SubstitutionError, truth
 from nermo_bringup.launch.xml import Element, LaunchError, read
+from nermo_description.parameter_files import ParameterError, parse_yaml
 
 ParameterValue = bool | int | float | str | list[bool] | list[int] | list[float] | list[str]
 
@@ -302,8 +301,8 @@ def _parameter(element: Element, scope: _Scope) -> tuple[str, ParameterValue] | 
 def _value(element: Element, text: str) -> ParameterValue:
     """A parameter's value: its type is what YAML makes of the text, as in ROS's own launch."""
     try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError:
+        value = parse_yaml(text, "value")
+    except ParameterError:
         return text
     if isinstance(value, bool | int | float | str):
         return value

@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import ctypes
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -29,9 +30,11 @@ _COLOURS = (36, 32, 33, 35, 34, 96, 92, 93, 95, 94)
 _PR_SET_PDEATHSIG = 1
 _CHUNK = 65536
 _FAILED, _WRONG_USAGE = 1, 2
+_STAMPS = re.compile(r"\x1b\[[0-9;]*m|^(\[[^]]*\] ?)+: ")
+"""What stands before the sentence in a line of ROS's log, and its colours."""
 
 
-def _lead_own_life(parent: int) -> Callable[[], None]:
+def lead_own_life(parent: int) -> Callable[[], None]:
     """What a child does before it becomes a node: reacts to SIGINT, and dies when its parent is gone.
 
     A shell in the background hands on an ignored SIGINT, which a program inherits and Python then never notices.
@@ -72,6 +75,8 @@ class Runner:
         self._width = max(map(len, self._labels), default=0)
         self._stop = asyncio.Event()
         self._urgency = 0
+        self._last: dict[str, str] = {}
+        """The last line of each node."""
         self._failed: list[str] = []
         self._status = 0
 
@@ -125,7 +130,7 @@ class Runner:
                     stderr=asyncio.subprocess.PIPE,
                     env={**os.environ, **self._terminal_settings(), **node.environment},
                     start_new_session=True,
-                    preexec_fn=_lead_own_life(os.getpid()),
+                    preexec_fn=lead_own_life(os.getpid()),
                 )
             except OSError as error:
                 self._failed.append(f"{label} cannot be started: {command[0]}: {error.strerror}.")
@@ -149,8 +154,9 @@ class Runner:
                     self._say(label, how, index)
                 return
             if status == _WRONG_USAGE:  # it would end so again
+                said = _STAMPS.sub("", self._last.get(label, ""))
                 self._say(label, how, index)
-                self._failed.append(f"{label} refused what it was given: see above.")
+                self._failed.append(f"{label} refused what it was given: {said or 'see above'}")
                 self._status = _WRONG_USAGE
                 self._stop.set()
                 return
@@ -212,13 +218,14 @@ class Runner:
         """Holds back the traceback of a Python that was interrupted before its node could take the signal."""
         if held or (self._stop.is_set() and line.startswith("Traceback ")):
             held.append(line)
-            if len(held) == 1 or line.startswith(" "):
+            if len(held) == 1 or line.startswith(" ") or not line:
                 return []
             told, held[:] = list(held), []
             return [] if line == "KeyboardInterrupt" else told
         return [line]
 
     def _say(self, label: str, text: str, index: int | None = None) -> None:
+        self._last[label] = text or self._last.get(label, "")
         name = f"[{label}]".ljust(self._width + 2)
         if self._coloured and index is not None:
             name = f"\x1b[{_COLOURS[index % len(_COLOURS)]}m{name}\x1b[0m"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shlex
+import subprocess
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -43,6 +45,7 @@ class Substituter:
             "dirname": (lambda: str(self._folder), range(0, 1)),
             "find-pkg-share": (lambda name: _find(get_package_share_directory, name), range(1, 2)),
             "find-pkg-prefix": (lambda name: _find(get_package_prefix, name), range(1, 2)),
+            "command": (_command, range(1, 2)),
             "equals": (lambda left, right: _text(left == right), range(2, 3)),
             "not-equals": (lambda left, right: _text(left != right), range(2, 3)),
             "not": (lambda value: _text(not truth(value)), range(1, 2)),
@@ -125,6 +128,17 @@ class Substituter:
 
 def _text(value: bool) -> str:
     return "true" if value else "false"
+
+
+def _command(line: str) -> str:
+    """What a command prints; one that fails, or says something on stderr, is an error."""
+    try:
+        done = subprocess.run(shlex.split(line), capture_output=True, text=True, check=False)
+    except (OSError, ValueError) as error:
+        raise SubstitutionError(f"the command {line!r} cannot be run: {error}") from error
+    if done.returncode or done.stderr:
+        raise SubstitutionError(" ".join(done.stderr.split()) or f"{line!r} ended with status {done.returncode}")
+    return done.stdout
 
 
 def _find(function: Callable[[str], str], package: str) -> str:

@@ -12,8 +12,11 @@ from rosgraph_msgs.msg import Clock
 
 from nermo_bringup.teleop.script import Script, load_script
 from nermo_control.nodes.conversions import control_command_to_message
+from nermo_description.invocation import called
 from nermo_interfaces.msg import ControlCommand, ServoCommand
 from nermo_node import qos, run
+from nermo_node.complaints import Complaints
+from nermo_node.inputs import Inputs
 from nermo_node.parameters import declare
 from nermo_node.time import to_message, to_nanoseconds
 
@@ -52,9 +55,10 @@ class CommandPlayer(Node):
         )
         self._start: int | None = None
         self._over = False
-        self.get_logger().info(f"waiting for somebody who listens to {self._publisher.topic_name} (nermo up)")
+        self.get_logger().info(f"waiting for somebody who listens to {self._publisher.topic_name} ({called()} up)")
         if parameters.lockstep:
-            self.create_subscription(Clock, "/clock", lambda message: self._play(to_nanoseconds(message.clock)), 10)
+            inputs = Inputs(self, Complaints(self, "refused").add_one)
+            inputs.subscribe(Clock, "/clock", lambda message: self._play(to_nanoseconds(message.clock)), 10)
         else:
             period = SERVO_PERIOD_S if of_servos else CONTROL_PERIOD_S
             self.create_timer(period, lambda: self._play(self.get_clock().now().nanoseconds))

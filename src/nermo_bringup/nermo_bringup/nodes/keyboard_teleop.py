@@ -13,13 +13,13 @@ from rclpy.node import Node
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
-from std_msgs.msg import Bool
 
+from nermo_bringup.nodes.operator import Operator
 from nermo_bringup.teleop.driver import Driver, Limits
 from nermo_bringup.teleop.keyboard import HELP, KeyMapping, raw_terminal, read_keys
-from nermo_control.nodes.conversions import control_command_to_message
-from nermo_interfaces.msg import ControlCommand, GaitParameters
-from nermo_node import qos, run
+from nermo_node import run
+from nermo_node.complaints import Complaints
+from nermo_node.diagnostics import Diagnostics
 from nermo_node.parameters import declare
 
 COMMAND_PERIOD_S = 0.05
@@ -34,11 +34,10 @@ class KeyboardTeleop(Node):
         super().__init__("keyboard_teleop")
         self._driver = Driver(declare(self, Limits))
         self._mapping = KeyMapping(self._driver)
-        self._commands = self.create_publisher(ControlCommand, "control_command", qos.COMMAND)
-        self._stop = self.create_publisher(Bool, "emergency_stop", qos.LATCHED)
-        self._stop_sent = False
+        refused = Complaints(self, "refused")
+        self._operator = Operator(self, self._driver, refused.add_one)
         self._last = "none"
-        self.create_subscription(GaitParameters, "gait_parameters", self._gaits, qos.LATCHED)
+        Diagnostics(self, "keyboard", {"messages": refused.status})
         self._input = sys.stdin.fileno()
         self._terminal.enter_context(raw_terminal(self._input))
         self._live = self._terminal.enter_context(
@@ -54,26 +53,19 @@ class KeyboardTeleop(Node):
         self._terminal.close()
         super().destroy_node()
 
-    def _gaits(self, message: GaitParameters) -> None:
-        self._driver.gaits = [gait.name for gait in message.gaits]
-        self._driver.default_frequency = message.default_gait_frequency
-
     def _read(self) -> None:
         for key in read_keys(self._input):
             self._mapping.press(key, time.monotonic())
-        if self._driver.stopped != self._stop_sent or self._mapping.left:
+        if self._operator.stop_is_news or self._mapping.left:
             self._tick()
         if self._mapping.left:
             # The same way out as Ctrl-C.
             signal.raise_signal(signal.SIGINT)
 
     def _tick(self) -> None:
-        if self._driver.stopped != self._stop_sent:
-            self._stop_sent = self._driver.stopped
-            self._stop.publish(Bool(data=self._stop_sent))
-        command = self._mapping.command(time.monotonic(), self.get_clock().now().nanoseconds)
+        command = self._mapping.command(time.monotonic(), self._operator.stamp())
+        self._operator.send(command)
         if command is not None:
-            self._commands.publish(control_command_to_message(command))
             self._last = f"{command.forward_velocity:+.3f} m/s, {command.turn_rate:+.2f} rad/s"
         self._live.update(self._screen(), refresh=True)
 

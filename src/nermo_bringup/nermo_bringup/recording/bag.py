@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
@@ -130,9 +130,9 @@ class BagWriter:
             self._file.flush()
             os.fsync(self._file.fileno())
             self._file.close()
-            temporary = self.directory / f".{METADATA_FILE}.partial"
-            temporary.write_text(yaml.safe_dump(self._metadata(), sort_keys=False), encoding="utf-8")
-            temporary.replace(self.directory / METADATA_FILE)
+            times = self._first_ns, self._last_ns
+            topics = list(self._topics.values())
+            write_metadata(self.directory / METADATA_FILE, topics, times, self.path.name, self._custom_data)
         except OSError as error:
             raise self._failed(error) from None
 
@@ -146,35 +146,52 @@ class BagWriter:
             "what was written before stays readable"
         )
 
-    def _metadata(self) -> dict[str, object]:
-        times = {
-            "duration": {"nanoseconds": self._last_ns - self._first_ns},
-            "starting_time": {"nanoseconds_since_epoch": self._first_ns},
-        }
-        return {
-            "rosbag2_bagfile_information": {
-                "version": METADATA_VERSION,
-                "storage_identifier": "mcap",
-                **times,
-                "message_count": self.message_count,
-                "topics_with_message_count": [
-                    {
-                        "topic_metadata": {
-                            "name": topic.name,
-                            "type": topic.type,
-                            "serialization_format": "cdr",
-                            "offered_qos_profiles": [offer.as_metadata() for offer in topic.offers],
-                            "type_description_hash": topic.type_hash,
-                        },
-                        "message_count": topic.message_count,
-                    }
-                    for topic in self._topics.values()
-                ],
-                "compression_format": "",
-                "compression_mode": "",
-                "relative_file_paths": [self.path.name],
-                "files": [{"path": self.path.name, **times, "message_count": self.message_count}],
-                "custom_data": self._custom_data or None,
-                "ros_distro": os.environ.get("ROS_DISTRO", "kilted"),
+
+def write_metadata(
+    path: Path, topics: Sequence[Topic], times: tuple[int, int], mcap: str, custom_data: Mapping[str, str]
+) -> None:
+    """Writes the `metadata.yaml` of a bag, whole or not at all.
+
+    Args:
+        path: The file.
+        topics: What was recorded.
+        times: Log times of the first and last message [ns].
+        mcap: Name of the MCAP file beside it.
+        custom_data: Further notes.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    count = sum(topic.message_count for topic in topics)
+    span = {
+        "duration": {"nanoseconds": times[1] - times[0]},
+        "starting_time": {"nanoseconds_since_epoch": times[0]},
+    }
+    information = {
+        "version": METADATA_VERSION,
+        "storage_identifier": "mcap",
+        **span,
+        "message_count": count,
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": topic.name,
+                    "type": topic.type,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": [offer.as_metadata() for offer in topic.offers],
+                    "type_description_hash": topic.type_hash,
+                },
+                "message_count": topic.message_count,
             }
-        }
+            for topic in topics
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [mcap],
+        "files": [{"path": mcap, **span, "message_count": count}],
+        "custom_data": dict(custom_data) or None,
+        "ros_distro": os.environ.get("ROS_DISTRO", "kilted"),
+    }
+    temporary = path.with_name(f".{path.name}.partial")
+    temporary.write_text(yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False), "utf-8")
+    temporary.replace(path)

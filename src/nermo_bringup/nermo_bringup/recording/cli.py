@@ -38,10 +38,10 @@ def replay(
     from rich.table import Table
 
     from nermo_bringup.recording.errors import RecordingError
-    from nermo_bringup.recording.reader import Recording
     from nermo_bringup.recording.replay import POSE, recorded_robot, replay_controls, replay_servos
     from nermo_control.gait.knowledge_base import GaitParameters
     from nermo_description.robots import load_robot
+    from nermo_node.recording import Recording
 
     console = Console()
     try:
@@ -91,14 +91,26 @@ def repair(
 ) -> None:
     """Give a cut recording its index and metadata.yaml back, so that `ros2 bag` and Foxglove open it.
 
+    What the file was before stays beside it, with .orig at the end of its name.
+
     \b
     nermo repair recordings/today
     """
+    from rich.console import Console
+    from rich.progress import Progress
+
     from nermo_bringup.recording import repair as repairing
     from nermo_bringup.recording.errors import RecordingError
 
     try:
-        count = repairing.repair(recording)
+        with Progress(console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task("repairing", total=None)
+            done = repairing.repair(recording, lambda now, total: bar.update(task, completed=now, total=total))
     except RecordingError as error:
         raise CommandError(str(error)) from error
-    typer.echo(f"{recording} is whole, with {count} messages")
+    if done.damaged_chunks:
+        typer.echo(f"{done.damaged_chunks} damaged chunks are left out: their checksum does not hold")
+    if done.backup is None:
+        typer.echo(f"{recording} is whole, with {done.message_count} messages; its file is as it was")
+    else:
+        typer.echo(f"{recording} is whole, with {done.message_count} messages; the cut file is kept as {done.backup}")

@@ -1,60 +1,97 @@
 """Giving a cut recording its index, footer and metadata.yaml back, so that every tool opens it.
 
 `Recording` reads a cut file as it is. `rosbags` and `ros2 bag` want a whole one: `repair` writes it beside the cut
-file and puts it in its place only when it is complete.
+file, puts it in its place only when it is complete, and keeps what was there.
 """
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from nermo_bringup.recording.bag import METADATA_FILE, BagWriter, Topic
+from nermo_bringup.recording.bag import METADATA_FILE, Topic, write_metadata
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.qos import Offer
-from nermo_bringup.recording.reader import RawMessage, Recording
+from nermo_bringup.recording.salvage import Progress, Salvage, scan, write
+from nermo_description.parameter_files import ParameterError, parse_yaml
+from nermo_node.recording import recording_file
+
+BACKUP = ".orig"
+_NOTE = {"repaired": "the recorder was killed; this is all it had written"}
 
 
-def repair(directory: Path) -> int:
-    """Make a recording whole; the number of messages in it. A whole recording is left as it is.
+@dataclass(frozen=True)
+class Repaired:
+    """What has become of a recording."""
+
+    message_count: int
+    backup: Path | None
+    """What the file was before; None where it was whole."""
+    damaged_chunks: int
+    """Left out, because their checksum does not hold."""
+    unused_bytes: int
+    """At the end of the cut file, no whole record any more."""
+
+
+def repair(directory: Path, progress: Progress = lambda done, total: None) -> Repaired:
+    """Make a recording whole. A whole file is left as it is, a cut one is kept under another name.
 
     Raises:
-        RecordingError: there is no recording, it is not a directory, or the disk cannot take the copy.
+        RecordingError: There is no recording, it is not a directory, nothing in it can be read, there is a backup
+            already, or the disk cannot take the copy. Then nothing has changed.
     """
     if not directory.is_dir():
         raise RecordingError(f"{directory} is no recording directory")
-    recording = Recording(directory)
-    count = sum(topic.message_count for topic in recording.topics.values())
-    if recording.complete and (directory / METADATA_FILE).exists():
-        return count
-    workshop = directory / ".repair"
-    shutil.rmtree(workshop, ignore_errors=True)
-    workshop.mkdir()
-    bag = BagWriter(
-        workshop / directory.resolve().name, {"repaired": "the recorder was killed; this is all it had written"}
-    )
-    topics: dict[str, Topic] = {}
-    for message in recording.raw():
-        topic = topics.setdefault(message.topic, _topic(message))
-        bag.write(topic, message.log_time, message.publish_time, message.sequence, message.data)
-    bag.close()
-    bag.path.replace(directory / bag.path.name)
-    (bag.directory / METADATA_FILE).replace(directory / METADATA_FILE)
-    if recording.path.name != bag.path.name:
-        recording.path.unlink()
-    shutil.rmtree(workshop)
-    return count
+    path = recording_file(directory)
+    salvage = scan(path, progress)
+    topics = [_topic(salvage, channel, path) for channel in salvage.channels]
+    metadata, times = directory / METADATA_FILE, (salvage.first, salvage.last)
+    backup = None
+    try:
+        if not salvage.whole:
+            backup = _replace(salvage, progress)
+        if backup is not None or not metadata.exists():
+            write_metadata(metadata, topics, times, path.name, {} if backup is None else _NOTE)
+    except OSError as error:
+        raise RecordingError(f"{directory} cannot be repaired: {error.strerror}; {path.name} is as it was") from error
+    return Repaired(salvage.message_count, backup, salvage.damaged, salvage.unused)
 
 
-def _topic(message: RawMessage) -> Topic:
-    metadata = message.channel.metadata
-    offers = [_offer(entry) for entry in yaml.safe_load(metadata.get("offered_qos_profiles", "")) or ()]
+def _replace(salvage: Salvage, progress: Progress) -> Path:
+    """Puts the whole file in the place of the cut one, which becomes the backup."""
+    path = salvage.path
+    backup, new = path.with_name(path.name + BACKUP), path.with_name(f".{path.name}.partial")
+    if backup.exists():
+        raise RecordingError(f"{backup} exists already: move it away, a backup is never overwritten")
+    try:
+        with new.open("wb") as file:
+            write(salvage, file, progress)
+        path.rename(backup)
+        new.replace(path)
+    finally:
+        new.unlink(missing_ok=True)
+    return backup
+
+
+def _topic(salvage: Salvage, channel_id: int, path: Path) -> Topic:
+    channel = salvage.channels[channel_id]
+    schema = salvage.schemas.get(channel.schema_id)
+    if schema is None:
+        raise RecordingError(f"{path}: the topic {channel.topic} has no schema: it is no ROS 2 recording")
+    try:
+        offered = parse_yaml(channel.metadata.get("offered_qos_profiles", ""), f"{path}: QoS of {channel.topic}") or ()
+        offers = [_offer(entry) for entry in offered]
+    except (ParameterError, KeyError, TypeError, ValueError) as error:
+        raise RecordingError(f"{path}: the QoS of {channel.topic} cannot be read: {error}") from error
     return Topic(
-        message.topic, message.schema.name, message.schema.data.decode(), metadata.get("topic_type_hash", ""), offers
+        channel.topic,
+        schema.name,
+        "",
+        channel.metadata.get("topic_type_hash", ""),
+        offers,
+        salvage.counts[channel_id],
     )
 
 

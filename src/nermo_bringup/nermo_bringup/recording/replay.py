@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_bringup.recording.errors import RecordingError
-from nermo_bringup.recording.reader import Recording, TopicData
 from nermo_bringup.teleop.script import CONTROL_TOPIC, SERVO_TOPIC, recorded_script
 from nermo_control.controller import Controller
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_description.parameters import RobotParameters
+from nermo_node.recording import Recording, TopicData
 from nermo_sim.twin import Twin
 
 Array = NDArray[np.float64]

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from nermo_bringup.network import NetworkOption, use_network
 from nermo_bringup.recording.cli import Commands
 from nermo_description.results import CommandError
 
@@ -19,6 +20,7 @@ def play(
     namespace: Annotated[str, typer.Option(help="Namespace of the mouse.")] = "nermo",
     lockstep: Annotated[bool, typer.Option("--lockstep", help="For a graph in stepped mode.")] = False,
     sim_time: Annotated[bool, typer.Option(help="Follow the twin's /clock.")] = True,
+    network: NetworkOption = None,
 ) -> None:
     """Play commands into a running graph (`nermo up`), once.
 
@@ -37,6 +39,7 @@ def play(
     except ValueError as error:
         raise CommandError(str(error), status=2) from error
     player = find_executable("nermo_bringup", "command_player")
+    use_network(network)
     values = {"file": str(file.absolute()), "commands": commands.value, "lockstep": lockstep, "use_sim_time": sim_time}
     # JSON is YAML whose types cannot be mistaken.
     words = [word for name, value in values.items() for word in ("-p", f"{name}:={json.dumps(value)}")]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pydantic import BaseModel, ConfigDict, Field
 
 from nermo_control.lift import LIFTED_LEG
-from nermo_control.types import ControlCommand, Posture, SpineModes, TrajectoryMode
+from nermo_control.types import SPINE_FUNCTIONS, ControlCommand, Posture, SpineModes, TrajectoryMode
 
 SPEED_STEPS = 10
 FREQUENCY_STEP_HZ = 0.1
@@ -40,6 +40,8 @@ class Driver:
     gaits: Sequence[str] = ()
     gait: str = ""
     """Empty: the knowledge-base's default."""
+    default_gait: str = ""
+    """From which the first change of the gait starts."""
     gait_frequency: float = 0.0
     """[Hz]; 0: the knowledge-base's default."""
     default_frequency: float = 0.8
@@ -53,16 +55,20 @@ class Driver:
     spine_modes: SpineModes = field(default_factory=SpineModes)
     stopped: bool = False
     """An emergency stop is on."""
+    release_wanted: bool = False
+    """The servos shall have power again, if they have none; whoever asks for that takes it back."""
 
     def emergency_stop(self) -> None:
         """Stop at once, and stay so."""
         self.stopped = True
+        self.release_wanted = False
         self.posture = Posture.STOP
 
     def take(self, posture: Posture) -> None:
-        """Take a posture. Standing ends an emergency stop; nothing else does."""
+        """Take a posture. Standing ends an emergency stop and asks for a release; nothing else does."""
         if posture is Posture.STAND:
             self.stopped = False
+            self.release_wanted = True
         if not self.stopped:
             self.posture = posture
 
@@ -90,7 +96,8 @@ class Driver:
     def next_gait(self) -> None:
         """Choose the gait after the present one in the knowledge-base's list."""
         if self.gaits:
-            place = self.gaits.index(self.gait) if self.gait in self.gaits else -1
+            present = self.gait or self.default_gait
+            place = self.gaits.index(present) if present in self.gaits else -1
             self.gait = self.gaits[(place + 1) % len(self.gaits)]
 
     def toggle_spine(self, mode: str) -> None:
@@ -116,7 +123,7 @@ class Driver:
         )
 
     def __str__(self) -> str:
-        spine = [name for name in SpineModes.__slots__ if getattr(self.spine_modes, name)]
+        spine = [name for name in SPINE_FUNCTIONS if getattr(self.spine_modes, name)]
         return (
             f"{'EMERGENCY STOP' if self.stopped else self.posture.name.lower()}, speed {self.speed}/{SPEED_STEPS}, "
             f"gait {self.gait or 'default'}, {f'{self.gait_frequency:g} Hz' if self.gait_frequency else 'default Hz'}, "

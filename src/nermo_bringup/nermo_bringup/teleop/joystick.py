@@ -8,6 +8,7 @@ Up and left are positive, the deadzone is taken out smoothly.
 from __future__ import annotations
 
 import os
+import warnings
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
@@ -15,7 +16,9 @@ from typing import Any, Self
 # SDL wants a video driver to read events; a pad needs none.
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 
-import sdl2
+with warnings.catch_warnings():  # it says which SDL it has found, to everybody, every time
+    warnings.simplefilter("ignore")
+    import sdl2
 
 FULL_SCALE = 32767
 

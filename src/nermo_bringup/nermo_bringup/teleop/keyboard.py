@@ -13,9 +13,10 @@ import termios
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 from nermo_bringup.teleop.driver import Driver
-from nermo_control.types import ControlCommand, Posture
+from nermo_control.types import SPINE_FUNCTIONS, ControlCommand, Posture
 
 HOLD_S = 0.7
 """Longer than the usual delay before a held key repeats (0.25 to 0.66 s)."""
@@ -27,16 +28,24 @@ DIRECTIONS = {
     "s": (-1.0, 0.0),
     "a": (0.0, 1.0),
     "d": (0.0, -1.0),
-    "q": (1.0, 1.0),
-    "e": (1.0, -1.0),
+    "e": (1.0, 1.0),
+    "r": (1.0, -1.0),
 }
 """Forward and turn for each driving key."""
 
+SPINE_KEYS = dict(zip("tyuiop", SPINE_FUNCTIONS, strict=False))
+"""The spine function that each key switches."""
+
+
+def _short(function: str) -> str:
+    return function.removesuffix("_compensation").replace("_", " ")
+
+
 HELP = {
     "w s a d": "forward, backward, left, right (or the arrow keys); hold to keep going",
-    "q e": "forward and left, forward and right",
+    "e r": "forward and left, forward and right",
     "space": "stop now",
-    "x": "EMERGENCY STOP; 1 ends it",
+    "x": "EMERGENCY STOP, limp; 1 ends it",
     "1 2 3": "stand, sit, crouch",
     "4": "lift a leg: front left, front right, rear left, rear right, none",
     "0": "freeze every servo",
@@ -45,8 +54,8 @@ HELP = {
     "g": "next gait",
     "l": "hold a straight line, on and off",
     ", .": "trim to the left, to the right",
-    "t y u i": "spine: turning, stride extension, offset, balance; on and off",
-    "Esc, Ctrl-C": "leave",
+    " ".join(SPINE_KEYS): f"spine: {', '.join(map(_short, SPINE_KEYS.values()))}; on and off",
+    "q": "leave (or Esc, Ctrl-C)",
 }
 
 
@@ -81,11 +90,13 @@ class KeyMapping:
             "l": self._toggle_line,
             ",": lambda: driver.change_trim(1),
             ".": lambda: driver.change_trim(-1),
-            "t": lambda: driver.toggle_spine("turning"),
-            "y": lambda: driver.toggle_spine("stride_extension"),
-            "u": lambda: driver.toggle_spine("offset_compensation"),
-            "i": lambda: driver.toggle_spine("balance_compensation"),
+            **{key: partial(driver.toggle_spine, name) for key, name in SPINE_KEYS.items()},
         }
+
+    @staticmethod
+    def leaves(key: str) -> bool:
+        """Whether this key is for leaving."""
+        return key in ("q", "Q", "\x1b", "\x03")
 
     def press(self, key: str, now: float) -> None:
         """Take one key; keys without a meaning do nothing."""
@@ -95,7 +106,7 @@ class KeyMapping:
             self._until = now + self._hold
         elif key == " ":
             self._until = now
-        elif key in ("\x1b", "\x03"):
+        elif self.leaves(key):
             self._until = now
             self.left = True
         elif key in self._actions:
@@ -120,7 +131,7 @@ class KeyMapping:
 
 @contextmanager
 def raw_terminal(descriptor: int) -> Iterator[None]:
-    """Deliver each key at once and unseen; whatever ends the block, the terminal is as it was before.
+    """Deliver each key at once and unseen, those before too; whatever ends the block, the terminal is as it was.
 
     Raises:
         KeyboardError: the descriptor is no terminal.
@@ -129,7 +140,7 @@ def raw_terminal(descriptor: int) -> Iterator[None]:
         raise KeyboardError("the keyboard teleop needs a terminal as its input")
     before = termios.tcgetattr(descriptor)
     try:
-        tty.setcbreak(descriptor)
+        tty.setcbreak(descriptor, termios.TCSANOW)
         yield
     finally:
         termios.tcsetattr(descriptor, termios.TCSADRAIN, before)

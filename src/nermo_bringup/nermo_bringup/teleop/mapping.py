@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from nermo_bringup.teleop.driver import Driver
 from nermo_bringup.teleop.pads import BUTTONS, Pad
-from nermo_control.types import ControlCommand, Posture
+from nermo_control.types import SPINE_FUNCTIONS, ControlCommand, Posture
 
 JOY_TIMEOUT_S = 0.25
 
@@ -44,10 +45,7 @@ class PadMapping:
             "lower_frequency": lambda: driver.change_frequency(-1),
             "trim_left": lambda: driver.change_trim(1),
             "trim_right": lambda: driver.change_trim(-1),
-            "spine_turning": lambda: driver.toggle_spine("turning"),
-            "spine_stride_extension": lambda: driver.toggle_spine("stride_extension"),
-            "spine_offset_compensation": lambda: driver.toggle_spine("offset_compensation"),
-            "spine_balance_compensation": lambda: driver.toggle_spine("balance_compensation"),
+            **{f"spine_{name}": partial(driver.toggle_spine, name) for name in SPINE_FUNCTIONS},
         }
 
     def receive(self, now: float, axes: Sequence[float], buttons: Sequence[int]) -> None:

@@ -5,18 +5,19 @@ from __future__ import annotations
 import difflib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, model_validator
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, create_model, model_validator
 
+from nermo_control.types import SPINE_FUNCTIONS
 from nermo_description.parameter_files import ParameterError, read_yaml, validate
 
 DIRECTION_THRESHOLD = 0.5
 """How far an axis must be pushed to count as a pressed button."""
 
 
-class Controls(BaseModel):
+class _Controls(BaseModel):
     """What each axis and button does. A button may also be a direction of an axis, such as `dpad_y+`.
 
     `forward` and `turn` are axes: forward and left are positive, as ROS's joy has them.
@@ -41,12 +42,11 @@ class Controls(BaseModel):
     lower_frequency: str | None = None
     trim_left: str | None = None
     trim_right: str | None = None
-    spine_turning: str | None = None
-    spine_stride_extension: str | None = None
-    spine_offset_compensation: str | None = None
-    spine_balance_compensation: str | None = None
 
 
+_SPINE: dict[str, Any] = {f"spine_{name}": (str | None, None) for name in SPINE_FUNCTIONS}
+Controls = create_model("Controls", __base__=_Controls, __doc__=_Controls.__doc__, **_SPINE)
+"""The same, with a button for each spine function."""
 AXES = ("forward", "turn")
 BUTTONS = tuple(name for name in Controls.model_fields if name not in AXES)
 
@@ -59,7 +59,7 @@ class Pad(BaseModel):
     description: str
     axes: dict[str, NonNegativeInt]
     buttons: dict[str, NonNegativeInt]
-    controls: Controls
+    controls: Controls  # type: ignore[valid-type]
 
     @model_validator(mode="after")
     def _controls_name_what_is_there(self) -> Self:

@@ -8,14 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, create_model, model_validator
 
 from nermo_bringup.recording.errors import RecordingError
-from nermo_bringup.recording.reader import Recording, TopicData
-from nermo_control.types import ControlCommand, Posture, SpineModes, TrajectoryMode
+from nermo_control.types import SPINE_FUNCTIONS, ControlCommand, Posture, SpineModes, TrajectoryMode
 from nermo_description.parameter_files import read_yaml, validate
+from nermo_node.recording import Recording, TopicData
 
 ServoPositions = Mapping[str, float]
 """Target of each servo, rad."""
@@ -42,15 +42,9 @@ def _frequency(value: float) -> float:
     return value
 
 
-class SpineEntry(BaseModel):
-    """Spine functions of an entry; those not named are off."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    turning: bool = False
-    stride_extension: bool = False
-    offset_compensation: bool = False
-    balance_compensation: bool = False
+_SPINE: dict[str, Any] = dict.fromkeys(SPINE_FUNCTIONS, (bool, False))
+SpineEntry = create_model("SpineEntry", __config__=ConfigDict(extra="forbid", frozen=True), **_SPINE)
+"""Spine functions of an entry; those not named are off."""
 
 
 class Entry(BaseModel):
@@ -66,7 +60,7 @@ class Entry(BaseModel):
     gait: str | None = None
     gait_frequency: Annotated[FiniteFloat, AfterValidator(_frequency)] | None = None
     turning_strategy: Literal["leg", "spine", "mix", ""] | None = None
-    spine_modes: SpineEntry | None = None
+    spine_modes: SpineEntry | None = None  # type: ignore[valid-type]
     servos: dict[str, FiniteFloat] | None = Field(None, description="[rad] by servo name")
 
     def apply(self, before: ControlCommand) -> ControlCommand:
@@ -179,7 +173,7 @@ def recorded_script(recording: Recording, commands: Literal["control", "servo"])
 
 
 def _control(data: TopicData, row: int) -> ControlCommand:
-    spine = SpineModes(**{name: bool(data[f"spine_modes.{name}"][row]) for name in SpineModes.__slots__})
+    spine = SpineModes(**{name: bool(data[f"spine_modes.{name}"][row]) for name in SPINE_FUNCTIONS})
     return ControlCommand(
         stamp=0,
         forward_velocity=float(data["forward_velocity"][row]),

@@ -159,6 +159,15 @@ class GaitParameters(_Frozen):
             raise ValueError(f"default_gait = {self.default_gait!r}: not one of the gaits {', '.join(self.gaits)}")
         return self
 
+    @property
+    def longest_stride(self) -> float:
+        """Stride length that all legs can make [m]."""
+        return min(self.front.max_stride_length, self.rear.max_stride_length)
+
+    def fastest(self, gait: str, frequency: float) -> float:
+        """No-slip speed [m/s] of a gait with the longest stride (5.21)-(5.22)."""
+        return gait_speed(frequency, self.longest_stride, self.gaits[gait].gait_factor)
+
     def stride(self, leg: int) -> LegStride:
         """Foot path parameters of leg 0...3."""
         return self.front if leg < 2 else self.rear

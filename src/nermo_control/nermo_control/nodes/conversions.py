@@ -373,18 +373,11 @@ def _leg_stride_from_message(message: msg.LegStride) -> LegStride:
 
 
 def _spine_modes_from_message(message: msg.SpineModes) -> types.SpineModes:
-    return types.SpineModes(
-        message.turning, message.stride_extension, message.offset_compensation, message.balance_compensation
-    )
+    return types.SpineModes(*(getattr(message, name) for name in types.SPINE_FUNCTIONS))
 
 
 def _spine_modes_to_message(modes: types.SpineModes) -> msg.SpineModes:
-    return msg.SpineModes(
-        turning=modes.turning,
-        stride_extension=modes.stride_extension,
-        offset_compensation=modes.offset_compensation,
-        balance_compensation=modes.balance_compensation,
-    )
+    return msg.SpineModes(**{name: getattr(modes, name) for name in types.SPINE_FUNCTIONS})
 
 
 def _enumeration(kind: type[Enumeration], field: str, value: int) -> Enumeration:

@@ -9,6 +9,7 @@ from typing import Any
 from pydantic import Field
 from rclpy.node import Node
 
+from nermo_control.gait.kept_changes import KeptChanges
 from nermo_control.gait.knowledge_base import GaitKnowledgeBase, GaitParameters, default_sets_folder
 from nermo_control.nodes import conversions
 from nermo_control.nodes.robot import RobotChoice
@@ -36,6 +37,12 @@ class GaitKnowledgeBaseParameters(GaitParameters, RobotChoice):
         json_schema_extra={"readOnly": True},
     )
 
+    kept_changes: str = Field(
+        "",
+        description="File for values that are changed live, so that a respawned node goes on with them; empty: none",
+        json_schema_extra={"readOnly": True},
+    )
+
     def gait_parameters(self) -> GaitParameters:
         """The values of the knowledge-base alone."""
         return GaitParameters(**{name: getattr(self, name) for name in GaitParameters.model_fields})
@@ -55,11 +62,16 @@ class GaitKnowledgeBaseNode(Node):
         robot = values.load()
         folder = Path(values.sets_folder).expanduser() if values.sets_folder else default_sets_folder()
         self._knowledge_base = GaitKnowledgeBase(folder, values.gait_parameters())
+        self._changes = KeptChanges(Path(values.kept_changes)) if values.kept_changes else None
 
         self._gait_parameters = self.create_publisher(msg.GaitParameters, "gait_parameters", qos.LATCHED)
         self._robot_parameters = self.create_publisher(msg.RobotParameters, "robot_parameters", qos.LATCHED)
         self._robot_parameters.publish(conversions.robot_parameters_to_message(self._now(), robot))
-        if values.start_set:
+        kept = self._kept()
+        if kept is not None:
+            self._settings.change(values.with_gait_parameters(kept))
+            self.get_logger().info("goes on with the values that were set before it was started again")
+        elif values.start_set:
             with blame("start_set"):
                 self._settings.change(values.with_gait_parameters(self._knowledge_base.load(values.start_set)))
         self._publish()
@@ -81,6 +93,18 @@ class GaitKnowledgeBaseNode(Node):
     def _on_parameters(self, values: GaitKnowledgeBaseParameters) -> None:
         self._knowledge_base.change(values.gait_parameters())
         self._publish()
+        if self._changes is not None:
+            try:
+                self._changes.keep(values.gait_parameters())
+            except ValueError as error:
+                self.get_logger().warning(f"a change is lost if this node is started again: {error}")
+
+    def _kept(self) -> GaitParameters | None:
+        try:
+            return None if self._changes is None else self._changes.kept()
+        except ValueError as error:
+            self.get_logger().warning(f"what was changed before is not known: {error}")
+            return None
 
     # Services
 

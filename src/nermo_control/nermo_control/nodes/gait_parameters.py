@@ -11,6 +11,7 @@ from nermo_control.nodes import conversions
 from nermo_interfaces import msg
 from nermo_node import qos
 from nermo_node.complaints import Complaints
+from nermo_node.inputs import Inputs
 from nermo_node.time import to_nanoseconds
 
 
@@ -28,16 +29,13 @@ class GaitParametersInput:
         on_change: Callable[[GaitParameters], None],
         on_life: Callable[[int], None] | None = None,
     ) -> None:
-        self._refused, self._on_change, self._on_life = refused, on_change, on_life
+        self._on_change, self._on_life = on_change, on_life
         self._parameters: GaitParameters | None = None
-        node.create_subscription(msg.GaitParameters, "gait_parameters", self._on_message, qos.LATCHED)
+        inputs = Inputs(node, refused.add_one)
+        inputs.subscribe(msg.GaitParameters, "gait_parameters", self._on_message, qos.LATCHED)
 
     def _on_message(self, message: msg.GaitParameters) -> None:
-        try:
-            parameters = conversions.gait_parameters_from_message(message)
-        except ValueError as error:
-            self._refused.add([f"gait_parameters refused: {error}"])
-            return
+        parameters = conversions.gait_parameters_from_message(message)
         if parameters != self._parameters:
             self._parameters = parameters
             self._on_change(parameters)

@@ -14,6 +14,7 @@ from rclpy.node import Node
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.high_level_controller import HighLevelController, HighLevelControllerConfig
 from nermo_control.nodes import conversions
+from nermo_control.nodes.conversions import UnusableMessageError
 from nermo_control.nodes.gait_parameters import GaitParametersInput
 from nermo_control.nodes.robot import RobotChoice
 from nermo_control.types import ControlCommand, Odometry
@@ -22,6 +23,7 @@ from nermo_node import qos, run
 from nermo_node.command_input import CommandInput
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import OK, WARN, Diagnostics, Status
+from nermo_node.inputs import Inputs
 from nermo_node.parameters import declare
 from nermo_node.synchronizer import TickSynchronizer
 
@@ -50,14 +52,15 @@ class HighLevelControllerNode(Node):
         GaitParametersInput(self, self._refused, self._on_gait_parameters)
         self._commands = CommandInput(
             self,
-            lambda text: self._refused.add([text]),
+            self._refused.add_one,
             self._time,
             oldest=None if parameters.lockstep else parameters.command_timeout,
         )
         self._commands.subscribe(msg.ControlCommand, "control_command", self._on_control_command)
         self._commands.subscribe(TwistStamped, "cmd_vel", self._on_cmd_vel)
-        self.create_subscription(OdometryMessage, "odom", self._on_odometry, qos.sensor_input(parameters.lockstep))
-        self.create_subscription(PathMessage, "path", self._on_path, qos.COMMAND)
+        inputs = Inputs(self, self._refused.add_one)
+        inputs.subscribe(OdometryMessage, "odom", self._on_odometry, qos.sensor_input(parameters.lockstep))
+        inputs.subscribe(PathMessage, "path", self._on_path, qos.COMMAND)
         Diagnostics(
             self,
             self._robot.name,
@@ -110,12 +113,8 @@ class HighLevelControllerNode(Node):
     def _on_path(self, message: PathMessage) -> None:
         """A path to follow in the trajectory mode PATH; an empty one takes it away."""
         if self._controller is None:
-            self._refused.add(["path refused: there are no gait_parameters yet"])
-            return
-        try:
-            self._controller.follow(conversions.path_from_message(message, self._config.path_corner_radius))
-        except ValueError as error:
-            self._refused.add([f"path refused: {error}"])
+            raise UnusableMessageError("there are no gait_parameters yet")
+        self._controller.follow(conversions.path_from_message(message, self._config.path_corner_radius))
 
     # The tick
 

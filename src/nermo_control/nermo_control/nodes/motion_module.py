@@ -13,7 +13,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu as ImuMessage
 
 from nermo_control.gait.knowledge_base import GaitParameters
-from nermo_control.motion_module import MotionModule, MotionModuleConfig
+from nermo_control.motion.config import MotionModuleConfig
+from nermo_control.motion_module import MotionModule
 from nermo_control.nodes import conversions
 from nermo_control.nodes.gait_parameters import GaitParametersInput
 from nermo_control.nodes.robot import RobotChoice
@@ -23,6 +24,7 @@ from nermo_node import qos, run
 from nermo_node.command_input import CommandInput
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import OK, WARN, Diagnostics, Status, Ticks
+from nermo_node.inputs import Inputs
 from nermo_node.parameters import declare
 from nermo_node.synchronizer import TickSynchronizer
 from nermo_node.time import to_nanoseconds
@@ -71,20 +73,19 @@ class MotionModuleNode(Node):
         self._servo_commands = self.create_publisher(msg.ServoCommand, "servo_command", qos.COMMAND)
         self._leg_states = self.create_publisher(msg.LegStates, "leg_states", qos.EVENT)
         GaitParametersInput(self, self._refused, self._on_gait_parameters, self._on_knowledge_base_alive)
-        self.create_subscription(msg.FootTrajectories, "foot_trajectories", self._on_foot_trajectories, qos.EVENT)
+        inputs, sensor = Inputs(self, self._refused.add_one), qos.sensor_input(parameters.lockstep)
+        inputs.subscribe(msg.FootTrajectories, "foot_trajectories", self._on_foot_trajectories, qos.EVENT)
         self._commands = CommandInput(
             self,
-            lambda text: self._refused.add([text]),
+            self._refused.add_one,
             self._time,
             oldest=None if parameters.lockstep else parameters.silence_timeout,
         )
         self._commands.subscribe(msg.MotionCommand, "motion_command", self._on_motion_command)
-        self.create_subscription(
-            msg.ServoStates, "servo_states", self._on_servo_states, qos.sensor_input(parameters.lockstep)
-        )
-        self.create_subscription(ImuMessage, "imu/data_raw", self._on_imu, qos.sensor_input(parameters.lockstep))
+        inputs.subscribe(msg.ServoStates, "servo_states", self._on_servo_states, sensor)
+        inputs.subscribe(ImuMessage, "imu/data_raw", self._on_imu, sensor)
         if parameters.coordination == "tegotae":
-            self.create_subscription(msg.LegLoads, "leg_loads", self._on_leg_loads, qos.BEST_EFFORT)
+            inputs.subscribe(msg.LegLoads, "leg_loads", self._on_leg_loads, qos.BEST_EFFORT)
         Diagnostics(
             self,
             self._robot.name,
@@ -115,10 +116,7 @@ class MotionModuleNode(Node):
             self._tick.add("imu", imu.stamp, imu)
 
     def _on_leg_loads(self, message: msg.LegLoads) -> None:
-        try:
-            self._loads = conversions.leg_loads_from_message(message)
-        except ValueError as error:
-            self._refused.add([f"leg_loads refused: {error}"])
+        self._loads = conversions.leg_loads_from_message(message)
 
     def _on_gait_parameters(self, parameters: GaitParameters) -> None:
         if self._module is None:
@@ -135,12 +133,8 @@ class MotionModuleNode(Node):
         if self._module is None:
             return
         stamp = to_nanoseconds(message.header.stamp)
-        try:
-            for trajectory in conversions.foot_trajectories_from_message(message):
-                self._module.accept(trajectory)
-        except ValueError as error:
-            self._refused.add([f"foot_trajectories refused: {error}"])
-            return
+        for trajectory in conversions.foot_trajectories_from_message(message):
+            self._module.accept(trajectory)
         self._module.sign_of_life("trajectory_generator", stamp)
         if self._asked is not None and stamp == to_nanoseconds(self._asked.header.stamp):
             self._asked = None
@@ -152,11 +146,7 @@ class MotionModuleNode(Node):
             self._tick.add("command", command.stamp, command)
 
     def _on_servo_states(self, message: msg.ServoStates) -> None:
-        try:
-            positions = self._servos.positions(message)
-        except ValueError as error:
-            self._refused.add([f"servo_states refused: {error}"])
-            return
+        positions = self._servos.positions(message)
         self._stamp = stamp = to_nanoseconds(message.header.stamp)
         if self._lockstep:
             self._tick.add("servos", stamp, positions)

@@ -15,12 +15,13 @@ from nermo_control.nodes import conversions
 from nermo_control.pantograph_motion import PantographMotion, PantographMotionConfig, SavedGait, read_saved_gait
 from nermo_control.types import ControlCommand, LegLoads
 from nermo_description.pantograph import PantographParameters
-from nermo_description.robots import ParameterError, load_any_robot
+from nermo_description.robots import load_of_family
 from nermo_interfaces import msg
 from nermo_node import qos
 from nermo_node.command_input import CommandInput
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import OK, WARN, Diagnostics, Status, Ticks
+from nermo_node.inputs import Inputs
 from nermo_node.parameters import blame, declare
 from nermo_node.run import run
 from nermo_node.time import to_nanoseconds
@@ -60,9 +61,7 @@ class PantographControllerNode(Node):
         super().__init__("pantograph_controller")
         parameters = declare(self, PantographControllerParameters)
         with blame("robot"):
-            robot = load_any_robot(parameters.robot)
-            if not isinstance(robot, PantographParameters):
-                raise ParameterError(f"robot {parameters.robot!r} has no pantograph legs; a mouse has motion_module")
+            robot = load_of_family(PantographParameters, parameters.robot)
         with blame("gait_file"):
             saved = read_saved_gait(Path(parameters.gait_file)) if parameters.gait_file else SavedGait()
         self._servos = conversions.ServoArrays(robot)
@@ -78,16 +77,15 @@ class PantographControllerNode(Node):
         self._leg_states = self.create_publisher(msg.LegStates, "leg_states", qos.EVENT)
         self._commands = CommandInput(
             self,
-            lambda text: self._refused.add([text]),
+            self._refused.add_one,
             self._time,
             oldest=None if parameters.lockstep else parameters.silence_timeout,
         )
         self._commands.subscribe(msg.ControlCommand, "control_command", self._on_control_command)
+        inputs = Inputs(self, self._refused.add_one)
         if parameters.coordination == "tegotae":
-            self.create_subscription(msg.LegLoads, "leg_loads", self._on_leg_loads, qos.BEST_EFFORT)
-        self.create_subscription(
-            msg.ServoStates, "servo_states", self._on_servo_states, qos.sensor_input(parameters.lockstep)
-        )
+            inputs.subscribe(msg.LegLoads, "leg_loads", self._on_leg_loads, qos.BEST_EFFORT)
+        inputs.subscribe(msg.ServoStates, "servo_states", self._on_servo_states, qos.sensor_input(parameters.lockstep))
         Diagnostics(
             self,
             robot.name,
@@ -107,17 +105,10 @@ class PantographControllerNode(Node):
         self._command = conversions.control_command_from_message(message)
 
     def _on_leg_loads(self, message: msg.LegLoads) -> None:
-        try:
-            self._loads = conversions.leg_loads_from_message(message)
-        except ValueError as error:
-            self._refused.add([f"leg_loads refused: {error}"])
+        self._loads = conversions.leg_loads_from_message(message)
 
     def _on_servo_states(self, message: msg.ServoStates) -> None:
-        try:
-            positions = self._servos.positions(message)
-        except ValueError as error:
-            self._refused.add([f"servo_states refused: {error}"])
-            return
+        positions = self._servos.positions(message)
         self._stamp = stamp = to_nanoseconds(message.header.stamp)
         output = self._motion.step(stamp, self._command, positions, self._loads)
         self._servo_commands.publish(self._servos.command(stamp, output.servo_positions))

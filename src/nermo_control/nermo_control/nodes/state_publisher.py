@@ -23,6 +23,7 @@ from nermo_interfaces.msg import ServoStates
 from nermo_node import qos, run
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import OK, WARN, Diagnostics, Status, Ticks
+from nermo_node.inputs import Inputs
 from nermo_node.parameters import declare
 from nermo_node.time import to_nanoseconds
 
@@ -71,30 +72,19 @@ class StatePublisherNode(Node):
 
         self._odometry = self.create_publisher(Odometry, "odom", qos.SENSOR)
         self._transforms = self.create_publisher(TFMessage, "/tf", qos.TRANSFORM)
-        reading = qos.sensor_input(parameters.lockstep)
+        inputs, reading = Inputs(self, self._refused.add_one), qos.sensor_input(parameters.lockstep)
         if parameters.use_truth:
-            self.create_subscription(Odometry, "truth/odom", self._on_truth, reading)
+            inputs.subscribe(Odometry, "truth/odom", self._publish, reading)
         else:
-            self.create_subscription(Imu, "imu/data_raw", self._on_imu, reading)
-            self.create_subscription(ServoStates, "servo_states", self._on_servo_states, reading)
+            inputs.subscribe(Imu, "imu/data_raw", self._on_imu, reading)
+            inputs.subscribe(ServoStates, "servo_states", self._on_servo_states, reading)
         Diagnostics(self, robot.name, {"state": self._state, "messages": self._refused.status})
-
-    def _on_truth(self, truth: Odometry) -> None:
-        pose = truth.pose.pose
-        if not math.isfinite(pose.position.x + pose.position.y + pose.position.z + sum(_quaternion(pose.orientation))):
-            self._refused.add(["truth/odom refused: the pose is not finite"])
-            return
-        self._publish(truth)
 
     def _on_imu(self, message: Imu) -> None:
         self._imu = message
 
     def _on_servo_states(self, message: ServoStates) -> None:
-        try:
-            positions = self._servos.positions(message)
-        except ValueError as error:
-            self._refused.add([f"servo_states refused: {error}"])
-            return
+        positions = self._servos.positions(message)
         orientation, yaw_rate = None, 0.0
         if self._imu is not None:
             yaw_rate = self._imu.angular_velocity.z

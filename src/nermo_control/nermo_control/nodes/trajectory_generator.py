@@ -15,6 +15,7 @@ from nermo_interfaces.msg import FootTrajectories, LegStates
 from nermo_node import qos, run
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import Diagnostics
+from nermo_node.inputs import Inputs
 from nermo_node.parameters import declare
 
 
@@ -34,7 +35,7 @@ class TrajectoryGeneratorNode(Node):
         self._refused = Complaints(self, "refused")
         self._answers = self.create_publisher(FootTrajectories, "foot_trajectories", qos.EVENT)
         GaitParametersInput(self, self._refused, self._on_gait_parameters)
-        self.create_subscription(LegStates, "leg_states", self._on_leg_states, qos.EVENT)
+        Inputs(self, self._refused.add_one).subscribe(LegStates, "leg_states", self._on_leg_states, qos.EVENT)
         Diagnostics(self, "nermo", {"requests": self._refused.status})
 
     def _on_gait_parameters(self, parameters: GaitParameters) -> None:
@@ -46,12 +47,8 @@ class TrajectoryGeneratorNode(Node):
     def _on_leg_states(self, message: LegStates) -> None:
         if self._generator is None:
             return
-        try:
-            states = conversions.leg_states_from_message(message)
-            trajectories = self._generator.step(states)
-        except ValueError as error:
-            self._refused.add([f"leg_states refused: {error}"])
-            return
+        states = conversions.leg_states_from_message(message)
+        trajectories = self._generator.step(states)
         self._answers.publish(conversions.foot_trajectories_to_message(states.stamp, trajectories))
 
 

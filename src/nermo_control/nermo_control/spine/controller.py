@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from nermo_control.clamp import within_one
 from nermo_control.follower import POSE_RESPONSE_TIME, Follower
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.gait.phase import Flags, LegPhases
@@ -16,7 +17,6 @@ from nermo_control.spine.kinematics import SpineKinematics
 from nermo_control.spine.offset import OffsetCompensation
 from nermo_control.spine.stride import DIAGONALS, StrideExtension, lumbar_share
 from nermo_control.spine.tendon import LumbarTendon, SpineTendon
-from nermo_control.turning import held
 from nermo_control.types import Four, MotionCommand, Phase
 from nermo_description.parameters import RobotParameters
 
@@ -154,7 +154,7 @@ class SpineController:
         warnings: list[str] = []
         walking = legs is not None
         bends = command.turning_strategy != "leg" or modes.turning
-        turn = self._turn.step(held(command.turn_rate_normalized) if walking and bends else 0.0)
+        turn = self._turn.step(within_one(command.turn_rate_normalized) if walking and bends else 0.0)
 
         extends = modes.stride_extension and walking
         if legs is not None and extends:

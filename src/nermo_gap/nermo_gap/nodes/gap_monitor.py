@@ -15,7 +15,9 @@ from nermo_gap.robots.channels import GYRO, encoder, position
 from nermo_gap.robots.live import FAR, LiveGap
 from nermo_interfaces.msg import ServoCommand, ServoStates
 from nermo_node import qos, run
+from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import OK, WARN, Diagnostics, Status
+from nermo_node.inputs import Inputs
 from nermo_node.parameters import blame, declare
 from nermo_node.time import to_nanoseconds
 
@@ -43,11 +45,13 @@ class GapMonitor(Node):
             self._gap = LiveGap(robot, round(1e9 / parameters.control_rate))
         # A command that is missed would let the twin go another way.
         every = QoSProfile(depth=200, reliability=ReliabilityPolicy.RELIABLE)
-        self.create_subscription(ServoCommand, "servo_command", self._on_command, every)
-        self.create_subscription(ServoStates, "servo_states", self._on_states, qos.BEST_EFFORT)
-        self.create_subscription(JointState, "joint_states", self._on_joints, qos.BEST_EFFORT)
-        self.create_subscription(Imu, "imu/data_raw", self._on_imu, qos.BEST_EFFORT)
-        Diagnostics(self, robot.name, {"gap": self._status})
+        refused = Complaints(self, "refused")
+        inputs = Inputs(self, refused.add_one)
+        inputs.subscribe(ServoCommand, "servo_command", self._on_command, every)
+        inputs.subscribe(ServoStates, "servo_states", self._on_states, qos.BEST_EFFORT)
+        inputs.subscribe(JointState, "joint_states", self._on_joints, qos.BEST_EFFORT)
+        inputs.subscribe(Imu, "imu/data_raw", self._on_imu, qos.BEST_EFFORT)
+        Diagnostics(self, robot.name, {"gap": self._status, "messages": refused.status})
 
     def _on_command(self, message: ServoCommand) -> None:
         if len(message.name) == len(message.position):

@@ -19,22 +19,31 @@ from nermo_hw.device.device import Device
 from nermo_hw.device.emulator import Emulator, control_path
 from nermo_hw.device.plant import PlantSensors, ServoPlant
 
+GRAVITY = 9.81
+"""[m/s^2]"""
+
 
 class BenchPlant(ServoPlant):
     """Servos on a bench that somebody may tip over."""
 
     tilt = 0.0
     """[rad]"""
+    upside_down = False
+    """The accelerometer says so, the orientation does not."""
 
     def sensors(self) -> PlantSensors:
         """As `Plant` says."""
         sensors = super().sensors()
         sensors.orientation = np.array([math.cos(self.tilt / 2), math.sin(self.tilt / 2), 0.0, 0.0])
+        up = -GRAVITY if self.upside_down else GRAVITY
+        sensors.linear_acceleration = up * np.array([0.0, math.sin(self.tilt), math.cos(self.tilt)])
         return sensors
 
 
 class BenchEmulator(Emulator):
-    """With the words `tilt` (angle [rad]) and `voltage` (open-circuit [V], None: that of the pack)."""
+    """With the words `tilt` (angle [rad]), `voltage` (open-circuit [V], None: that of the pack), `upside_down` (on) and
+    `no_orientation` (on).
+    """
 
     def _tilt(self, angle: float) -> None:
         plant = self.device.plant
@@ -44,7 +53,21 @@ class BenchEmulator(Emulator):
     def _voltage(self, value: float | None) -> None:
         self.device.battery.model = BatteryModel() if value is None else BatteryModel(full=value, empty=value)
 
-    _words = {**Emulator._words, "tilt": _tilt, "voltage": _voltage}  # noqa: RUF012
+    def _upside_down(self, on: bool) -> None:
+        plant = self.device.plant
+        assert isinstance(plant, BenchPlant)
+        plant.upside_down = on
+
+    def _no_orientation(self, on: bool) -> None:
+        self.device.body.no_orientation = on
+
+    _words = {  # noqa: RUF012
+        **Emulator._words,
+        "tilt": _tilt,
+        "voltage": _voltage,
+        "upside_down": _upside_down,
+        "no_orientation": _no_orientation,
+    }
 
 
 def main() -> int:

@@ -17,11 +17,16 @@ from nermo_description.parameters import RobotParameters
 from nermo_description.results import CommandError
 from nermo_hw.bench.rig import Rig
 from nermo_hw.safety.causes import RULE_OF, Cause, State
+from nermo_hw.safety.sensor_checks import SMOOTHING
 
 MARGIN_S = 0.2
 """A state that comes later than its time and this is late: two control ticks, one exchange, and a busy machine."""
 BOOT_S = 0.3
 """After a brown-out the boards need this until they can say that they are limp; they are so at once."""
+MOVING_S = 0.5
+"""Until a servo of the walk has moved as far as it takes to notice that a reading does not."""
+PAUSES_S = 5.0
+"""Of the walk in ten seconds of movement."""
 _TRIALS = 5
 WATCHDOG_S = 0.5
 """Of the device (register watchdog)."""
@@ -66,6 +71,38 @@ def _revive(rig: Rig) -> None:
     rig.until(lambda: len(rig.states()) > before, "the robot's end is there again")
 
 
+def _bad_line(what: str) -> Injection:
+    """The serial line: every frame so."""
+    return Injection(
+        f"line_{what}",
+        Cause.LINE_LOST,
+        lambda rig: rig.device("line_fault", name=what, value=1.0),
+        lambda rig: rig.device("line_fault", name=what, value=0.0),
+    )
+
+
+def _refused(rig: Rig) -> None:
+    """Somebody releases, and the robot refuses. Raises CommandError where it does not."""
+    rig.until(lambda: "still say" in str(rig.walker("release")), "a release is refused")
+
+
+def _stop_again(rig: Rig) -> None:
+    """Stop, a release that is refused, its end, and stop once more: it is this one that must count."""
+    rig.walker("stop", pressed=True)
+    _refused(rig)
+    rig.walker("stop", pressed=False)
+    rig.walker("stop", pressed=True)
+    _refused(rig)
+
+
+def _stop_by_two(rig: Rig) -> None:
+    """A signal and a publisher, which ends its own."""
+    rig.signal_robot(signal.SIGUSR1)
+    rig.walker("stop", pressed=True)
+    _refused(rig)
+    rig.walker("stop", pressed=False)
+
+
 INJECTIONS: tuple[Injection, ...] = (
     Injection(
         "commands_stop",
@@ -89,6 +126,14 @@ INJECTIONS: tuple[Injection, ...] = (
     ),
     Injection(
         "emergency_stop_signal", Cause.EMERGENCY_STOP, lambda rig: rig.signal_robot(signal.SIGUSR1), lambda rig: None
+    ),
+    Injection("emergency_stop_again", Cause.EMERGENCY_STOP, _stop_again, lambda rig: rig.walker("stop", pressed=False)),
+    Injection("emergency_stop_by_two", Cause.EMERGENCY_STOP, _stop_by_two, lambda rig: None),
+    Injection(
+        "commands_stop_for_long",
+        Cause.LONG_SILENCE,
+        lambda rig: rig.walker("walk", on=False),
+        lambda rig: rig.walker("walk", on=True),
     ),
     Injection(
         "fall", Cause.FALLEN, lambda rig: rig.device("tilt", angle=1.5), lambda rig: rig.device("tilt", angle=0.0)
@@ -123,6 +168,47 @@ INJECTIONS: tuple[Injection, ...] = (
         lambda rig: rig.device("silent_boards", names=["servo board 1"]),
         lambda rig: rig.device("silent_boards", names=[]),
     ),
+    Injection(
+        "imu_without_orientation",
+        Cause.IMU_INVALID,
+        lambda rig: rig.device("no_orientation", on=True),
+        lambda rig: rig.device("no_orientation", on=False),
+    ),
+    Injection(
+        "imu_frozen",
+        Cause.IMU_FROZEN,
+        lambda rig: rig.device("frozen", names=["imu"]),
+        lambda rig: rig.device("frozen", names=[]),
+        delay=MOVING_S,
+    ),
+    Injection(
+        "imu_upside_down",
+        Cause.IMU_IMPLAUSIBLE,
+        lambda rig: rig.device("upside_down", on=True),
+        lambda rig: rig.device("upside_down", on=False),
+        delay=SMOOTHING,
+    ),
+    Injection(
+        "battery_frozen",
+        Cause.BATTERY_FROZEN,
+        lambda rig: rig.device("frozen", names=["battery"]),
+        lambda rig: rig.device("frozen", names=[]),
+        delay=PAUSES_S,
+    ),
+    Injection(
+        "battery_impossible",
+        Cause.BATTERY_IMPLAUSIBLE,
+        lambda rig: rig.device("voltage", value=12.0),
+        lambda rig: rig.device("voltage", value=None),
+    ),
+    Injection(
+        "servo_frozen",
+        Cause.SERVO_FROZEN,
+        lambda rig: rig.device("frozen", names=["front_left_hip"]),
+        lambda rig: rig.device("frozen", names=[]),
+        delay=MOVING_S,
+    ),
+    *map(_bad_line, ("corrupt", "wrong_id", "replay", "delay")),
     Injection("cable_pulled", Cause.LINE_LOST, lambda rig: rig.device("unplug", seconds=1.0), lambda rig: None),
     Injection("brown_out", Cause.DEVICE_LIMP, lambda rig: rig.device("brown_out"), lambda rig: None, delay=BOOT_S),
     Injection("robot_end_killed", None, lambda rig: rig.signal_robot(signal.SIGKILL), _revive),

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from nermo_description.parameter_files import read_yaml
 from nermo_description.results import CommandError
 from nermo_description.robots import load_robot
 from nermo_hw.bench.network import ROBOT_IP, Impairment, Network
@@ -153,7 +154,7 @@ class Rig:
     # Inside
 
     def _write_link(self, transport: str) -> None:
-        settings = yaml.safe_load(DEFAULT.read_text(encoding="utf-8"))
+        settings = read_yaml(DEFAULT)
         encrypted = transport in ("quic", "tls")
         if encrypted:
             make_keys(self.folder / "keys", ["robot", "workstation"])

@@ -21,8 +21,8 @@ from nermo_hw.link import stamp
 from nermo_hw.link.clock import SteadyClock
 from nermo_hw.link.config import Side, Topic, load_link
 from nermo_hw.link.end import LinkEnd
-from nermo_hw.link.messages import decode_diagnostics, encode_bool, encode_command
-from nermo_hw.link.session import LinkError
+from nermo_hw.link.messages import decode_diagnostics, encode_command
+from nermo_hw.link.transport import LinkError
 
 COUNTER_SERVO, CHECK_SERVOS = "tail", ("spine_lateral", "head_pan")
 """Positions of these tell which command it was: nothing else on the way knows the number."""
@@ -56,7 +56,7 @@ class Walker:
             "status": self._status,
             "robot": self._robot_says,
             "release": self._release,
-            "stop": lambda pressed: self._end.send("emergency_stop", encode_bool(pressed)),
+            "stop": self._stop,
             "gait": self._set_gait,
             "walk": self._walk,
             "prepare": self._prepare,
@@ -97,6 +97,11 @@ class Walker:
         except LinkError:
             return None
 
+    def _stop(self, pressed: bool, source: str = "pad") -> None:
+        """What somebody at the workstation says."""
+        self._end.stops.say(source, pressed)
+        self._end.beat()
+
     def _set_gait(self, postures: list[list[float]]) -> None:
         self._gait = np.array(postures)
 
@@ -104,7 +109,7 @@ class Walker:
         """Answers ticks or not; `wrong` says what is the matter with the answers."""
         self._wrong, self._walking, self._repeated = wrong, on, 0
 
-    def _on_message(self, topic: Topic, payload: bytes) -> None:
+    def _on_message(self, topic: Topic, payload: bytes, _: str) -> None:
         if topic.name == "/diagnostics":
             self._diagnostics = payload
         if topic.name != "servo_states":

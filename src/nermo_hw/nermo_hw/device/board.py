@@ -18,6 +18,8 @@ from nermo_hw.sbcp.registers import RegisterError, RegisterTable, Value
 from nermo_hw.types import Fault
 
 Array = NDArray[np.float64]
+IMU_NOISE = 2.0
+"""Standard deviation of rates and accelerations in increments of the line, as a quiet IMU has it."""
 ALL_CHANNELS = (1 << CHANNELS) - 1
 
 
@@ -140,6 +142,8 @@ class ServoBoard(Board):
         self._sense, self._current_per_torque = sense, current_per_torque
         self.silent = 0
         """Channels whose servo does not answer."""
+        self.stuck = 0
+        """Channels whose readings do not change any more, although the servo answers."""
         self._frozen = np.zeros((3, CHANNELS))
         self.extra_current = np.zeros(CHANNELS)
         """Drawn by a servo beside what moves it [A], for tests."""
@@ -190,6 +194,11 @@ class ServoBoard(Board):
         if self.silent:
             self.faults |= Fault.SILENT_SERVO
 
+    def set_stuck(self, channels: int) -> None:
+        """Servos that move, while what is read from them stays."""
+        self._frozen = self._measure()
+        self.stuck = channels & self.populated
+
     def acknowledge(self) -> None:
         super().acknowledge()
         self.over_current = 0
@@ -210,7 +219,7 @@ class ServoBoard(Board):
         result[2, self._channels] = np.abs(sensors.torques[self._places]) * self._current_per_torque
         result[2] += self.extra_current
         for channel in range(CHANNELS):
-            if self.silent >> channel & 1:
+            if (self.silent | self.stuck) >> channel & 1:
                 result[:, channel] = self._frozen[:, channel]
         return result
 
@@ -256,7 +265,8 @@ class ServoBoard(Board):
 class BodyBoard(Board):
     """IMU and battery.
 
-    sense: gives the present sensors. supply: voltage [V] and current [A] of the battery.
+    sense: gives the present sensors. supply: voltage [V] and current [A] of the battery. seed: of the IMU's noise,
+    without which a host would have to take it for dead.
     """
 
     def __init__(
@@ -268,8 +278,16 @@ class BodyBoard(Board):
         serial_number: int = 0,
         ppm: float = 0.0,
         stored: Mapping[str, Value],
+        seed: int = 0,
     ) -> None:
         self._sense, self._supply = sense, supply
+        self._random = np.random.default_rng(seed)
+        self.frozen: frozenset[str] = frozenset()
+        """Of "imu" and "battery", those whose readings do not change any more."""
+        self.no_orientation = False
+        """The IMU's own computer has lost it: all zeros."""
+        self._imu: tuple[Array, Array, Array] | None = None
+        self._power: tuple[float, float] | None = None
         super().__init__(address, serial_number, ppm, stored)
 
     def _exchange(self, payload: bytes, now: int) -> bytes:
@@ -277,16 +295,16 @@ class BodyBoard(Board):
         if request.flags & boards.ACKNOWLEDGE:
             self.acknowledge()
         self._look_at_battery()
-        sensors = self._sense()
-        return boards.BodyAnswer(
-            request.sequence,
-            int(self.faults),
-            self.clock.local(now) // 1000,
-            sensors.orientation,
-            sensors.angular_velocity,
-            sensors.linear_acceleration,
-            *self._supply(),
-        ).encode()
+        if self._imu is None or "imu" not in self.frozen:
+            sensors = self._sense()
+            noise = self._random.normal(scale=IMU_NOISE, size=(2, 3))
+            rate = sensors.angular_velocity + boards.RATE * noise[0]
+            acceleration = sensors.linear_acceleration + boards.ACCELERATION * noise[1]
+            self._imu = (0.0 * sensors.orientation if self.no_orientation else sensors.orientation, rate, acceleration)
+        if self._power is None or "battery" not in self.frozen:
+            self._power = self._supply()
+        time = self.clock.local(now) // 1000
+        return boards.BodyAnswer(request.sequence, int(self.faults), time, *self._imu, *self._power).encode()
 
     def _look_at_battery(self) -> None:
         voltage, _ = self._supply()

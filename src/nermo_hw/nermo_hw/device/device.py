@@ -152,6 +152,7 @@ class Device:
             serial_number=3000 + seed,
             ppm=self._ppm(),
             stored={"robot": robot.name[:16], **kept.get(board_name(BODY_BOARD), {})},
+            seed=seed,
         )
         # By the address that each had when it was built in; it may have been given another since.
         built_in = (self.controller, *self.servo_boards, self.body)
@@ -239,12 +240,14 @@ class Device:
         self._held[:] = [name in names for name in self._names]
         self._held_at[:] = sensors.positions
         for board in self.servo_boards:
-            mask = sum(
-                1 << channel
-                for channel, servo in enumerate(board.servos)
-                if servo is not None and self._names[servo] in names
-            )
-            board.set_silent(mask)
+            board.set_silent(self._channels(board, names))
+
+    def set_frozen(self, names: Sequence[str]) -> None:
+        """Exactly these sensors go on saying what they said last: "imu", "battery", and servos. Raises FaultError."""
+        names_only("sensor", names, ("imu", "battery", *self._names))
+        self.body.frozen = frozenset(names)
+        for board in self.servo_boards:
+            board.set_stuck(self._channels(board, names))
 
     def set_silent_boards(self, names: Sequence[str]) -> None:
         """Exactly these boards do not answer, as in "servo board 3". Raises FaultError."""
@@ -302,6 +305,11 @@ class Device:
 
     # Inside
 
+    def _channels(self, board: ServoBoard, names: Sequence[str]) -> int:
+        """The channels of a board that these servos hang on, as bits."""
+        places = [None if place is None else self._names[place] for place in board.servos]
+        return sum(1 << channel for channel, name in enumerate(places) if name in names)
+
     def _ppm(self) -> float:
         return self.settings.clock_ppm + self.settings.clock_spread_ppm * float(self._random.standard_normal())
 
@@ -341,7 +349,7 @@ class Device:
         if self.settings.reply_jitter > 0.0 and answers:
             on_bus += round(abs(self._random.standard_normal()) * self.settings.reply_jitter * 1e9)
         for answer_bytes in answers:
-            for raw, delay in self._line.pass_on(answer_bytes):
+            for raw, delay in self._line.pass_on(answer_bytes, answer=True):
                 heapq.heappush(self._outbox, (on_bus + round(delay * 1e9), next(self._order), raw))
 
     def _answer(self, packet: Packet, now: int, targets: Array) -> Packet:

@@ -246,6 +246,7 @@ class Emulator:
         "line_fault": lambda self, name, value: self.device.line_faults.set(name, value),
         "silent_servos": lambda self, names: self.device.set_silent_servos(names),
         "silent_boards": lambda self, names: self.device.set_silent_boards(names),
+        "frozen": lambda self, names: self.device.set_frozen(names),
         "brown_out": lambda self: self.device.brown_out(),
         "charge": lambda self, value: self.device.set_charge(value),
         "extra_current": lambda self, servo, current: self.device.set_extra_current(servo, current),
@@ -259,8 +260,9 @@ class Control:
     """The other end of an emulator's control socket. Raises LineError where there is none.
 
     Words: `state`; `line_fault` (name, value: see `LineFaults`); `silent_servos` (names); `silent_boards` (names);
-    `brown_out`; `charge` (value); `extra_current` (servo, current); `move_by_hand` (servo, position); `unplug`
-    (seconds); `points`: what the boards were told since the last call, as (monotonic time [ns], targets [rad]).
+    `frozen` (names of servos, imu, battery: readings that do not change any more); `brown_out`; `charge` (value);
+    `extra_current` (servo, current); `move_by_hand` (servo, position); `unplug` (seconds); `points`: what the boards
+    were told since the last call, as (monotonic time [ns], targets [rad]).
     """
 
     def __init__(self, path: Path) -> None:

@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import random
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+
+from nermo_hw.sbcp.packet import checksum
+
+REMEMBERED_ANSWERS = 32
+"""Answers from which the oldest is replayed: several exchanges."""
 
 
 class FaultError(ValueError):
@@ -25,6 +31,10 @@ class LineFaults:
     """[s], at most 10"""
     garbage: float = 0.0
     """Random bytes stand before the packet."""
+    wrong_id: float = 0.0
+    """The packet bears the ID of another board, with the checksum that goes with it."""
+    replay: float = 0.0
+    """Instead of an answer of the device an earlier one comes once more."""
 
     def set(self, name: str, value: float) -> None:
         """Raises FaultError for an unknown name or a value out of range."""
@@ -43,16 +53,26 @@ class FaultyLine:
     def __init__(self, faults: LineFaults, seed: int) -> None:
         self.faults = faults
         self._random = random.Random(seed)
-        self.count = dict.fromkeys(("drop", "double", "corrupt", "delay", "garbage"), 0)
+        self.count = dict.fromkeys(("drop", "double", "corrupt", "delay", "garbage", "wrong_id", "replay"), 0)
         """How often each has happened."""
+        self._answers: deque[bytes] = deque(maxlen=REMEMBERED_ANSWERS)
 
-    def pass_on(self, packet: bytes) -> list[tuple[bytes, float]]:
-        """What arrives instead of a packet: bytes, each with its additional delay [s]."""
+    def pass_on(self, packet: bytes, answer: bool = False) -> list[tuple[bytes, float]]:
+        """What arrives instead of a packet: bytes, each with its additional delay [s].
+
+        answer: whether it comes from the device.
+        """
         f = self.faults
-        if not (f.drop or f.double or f.corrupt or f.delay or f.garbage):
+        if answer:
+            self._answers.append(packet)
+        if not (f.drop or f.double or f.corrupt or f.delay or f.garbage or f.wrong_id or f.replay):
             return [(packet, 0.0)]
         if self._happens("drop", f.drop):
             return []
+        if answer and self._happens("replay", f.replay):
+            packet = self._answers[0]
+        if self._happens("wrong_id", f.wrong_id):
+            packet = _with_another_id(packet)
         if self._happens("corrupt", f.corrupt):
             damaged = bytearray(packet)
             damaged[self._random.randrange(len(damaged))] ^= self._random.randrange(1, 256)
@@ -66,6 +86,12 @@ class FaultyLine:
         happens = share > 0.0 and self._random.random() < share
         self.count[what] += happens
         return happens
+
+
+def _with_another_id(packet: bytes) -> bytes:
+    body = bytearray(packet[1:-1])
+    body[1] = (body[1] + 1) & 0xFF
+    return packet[:1] + bytes(body) + bytes((checksum(body),))
 
 
 def names_only(what: str, given: Sequence[str], known: Sequence[str]) -> None:

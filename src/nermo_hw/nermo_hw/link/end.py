@@ -3,53 +3,61 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import socket
 import struct
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
-import zenoh
-
+from nermo_description.emergency_stops import EmergencyStops
 from nermo_hw.link import stamp
 from nermo_hw.link.clock import LinkClock
 from nermo_hw.link.config import LinkConfig, Side, Topic
-from nermo_hw.link.session import PRIORITIES, LinkError, open_session
+from nermo_hw.link.heartbeat import Ping, Pong
+from nermo_hw.link.transport import LinkError, Transport
+from nermo_hw.link.zenoh_transport import ZenohTransport
 
-PING = struct.Struct("<Iq")
-"""Sequence and the sender's clock [ns]."""
-PONG = struct.Struct("<Iqq")
-"""The ping's sequence and time, then the answering clock [ns]."""
 HEARD = 0.5
 """Connected means: heard from the far end within this time [s]."""
-REOPEN_AFTER = 5.0
-"""A workstation that has not heard from the robot for so long [s] opens its session anew: connection set-up over an
-unreliable transport can get stuck."""
-TRANSIENT_LOCAL_QOS = ":1:1:1,1"
-DEFAULT_QOS = ":1:0:1,10"
-"""Reliability, durability and history as zenoh-plugin-ros2dds writes them: reliable, volatile, keep last 10."""
+GIVEN_UP_AFTER = 5.0
+"""An end that has not been heard for so long [s] is gone. The workstation's then opens its session anew: connection
+set-up over an unreliable transport can get stuck."""
+LARGEST_NUMBER_OF_ENDS = 16
+"""Workstations that are known by name at a time."""
 
-Deliver = Callable[[Topic, bytes], None]
+Deliver = Callable[[Topic, bytes, str], None]
+"""Gets a message and who sent it: text that tells one workstation's end from another, empty where it does not say."""
 
 
 @dataclass(slots=True)
 class _Outgoing:
-    publisher: Any
+    topic: Topic
+    key: str
     shortest: float
     """Between two messages [s]."""
-    sent_at: float = -1.0
-    last: bytes | None = None
-    """Of an event: its present state."""
+    sent_at: float = -1e9
+
+
+@dataclass(slots=True)
+class _FarEnd:
+    """A workstation's end, as the robot's knows it."""
+
+    name: str
+    heard_at: float
+    sequence: int
 
 
 class LinkEnd:
     """The link at one side.
 
-    deliver: gets each message that came, from a thread of zenoh's. clock: this side's [ns]. heard: called, from a
-    thread of zenoh's, at every sign of life of the far end. The stamps that are handed in and out are by this side's
-    clock: the workstation's end moves them, by the offset that the heartbeats measure.
+    deliver: gets each message that came, from a thread of the transport's. clock: this side's [ns]. heard: called, from
+    a thread of the transport's, at every sign of life of the far end. stops: what is said and latched at the
+    workstation is told to the robot with every heartbeat, and at the robot's end put here. name: of this end, in what
+    people read at the other. The stamps that are handed in and out are by this side's clock: the workstation's end
+    moves them, by the offset that the heartbeats measure.
     """
 
     def __init__(
@@ -59,18 +67,31 @@ class LinkEnd:
         deliver: Deliver,
         clock: Callable[[], int],
         heard: Callable[[], None] = lambda: None,
+        *,
+        stops: EmergencyStops | None = None,
+        name: str = "",
+        transport: Transport | None = None,
+        monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         self.config, self.side = config, side
+        self.stops = stops or EmergencyStops()
+        self.name = name or f"{socket.gethostname()} (process {os.getpid()})"
+        self._id = os.urandom(8)
         self._deliver, self._clock, self._heard = deliver, clock, heard
-        self._session: zenoh.Session | None = None
-        self._outgoing: dict[str, _Outgoing] = {}
+        self._transport = transport or ZenohTransport(config, side)
+        self._monotonic = monotonic
+        self._outgoing = {
+            # Half a period early is still in time; nothing is left out for a little jitter.
+            topic.name: _Outgoing(topic, topic.key(config.namespace), 0.5 / topic.max_rate if topic.max_rate else 0.0)
+            for topic in config.topics
+            if topic.to is not side
+        }
         self._incoming = {topic.key(config.namespace): topic for topic in config.topics if topic.to is side}
-        self._events: dict[str, bytes] = {}
-        self._declared: list[Any] = []
+        self._ends: dict[str, _FarEnd] = {}
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
-        self._heard_at = -1e9
+        self._heard_at = self._opened_at = -1e9
         self._sequence = 0
         self._answer_release: Callable[[], str] | None = None
         self.link_clock = LinkClock()
@@ -78,18 +99,23 @@ class LinkEnd:
 
     # Life
 
-    def open(self) -> None:
-        """Opens the session and begins with the heartbeats. Raises LinkError."""
-        self._open_session()
-        self._thread = threading.Thread(target=self._keep_alive, name="link heartbeat", daemon=True)
-        self._thread.start()
+    def open(self, beating: bool = True) -> None:
+        """Opens the connection and begins with the heartbeats. Raises LinkError.
+
+        beating: False leaves it to the caller to `beat`.
+        """
+        self._transport.open(self._on_message, self._on_release)
+        self._opened_at = self._monotonic()
+        if beating:
+            self._thread = threading.Thread(target=self._keep_alive, name="link heartbeat", daemon=True)
+            self._thread.start()
 
     def close(self) -> None:
         """Ends the connection."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join(timeout=5.0)
-        self._close_session()
+        self._transport.close()
 
     def __enter__(self) -> LinkEnd:
         self.open()
@@ -101,12 +127,12 @@ class LinkEnd:
     @property
     def connected(self) -> bool:
         """Whether the far end was heard lately."""
-        return time.monotonic() - self._heard_at < HEARD
+        return self._monotonic() - self._heard_at < HEARD
 
     def wait(self, seconds: float) -> bool:
         """Waits until the far end is heard; false where it is not."""
-        deadline = time.monotonic() + seconds
-        while not self.connected and time.monotonic() < deadline:
+        deadline = self._monotonic() + seconds
+        while not self.connected and self._monotonic() < deadline:
             time.sleep(0.02)
         return self.connected
 
@@ -118,58 +144,71 @@ class LinkEnd:
         Raises KeyError for a topic that does not go this way.
         """
         with self._lock:
-            outgoing, topic = self._outgoing[name], self._topic(name)
-            if topic.kind == "event":
-                outgoing.last = payload
-            now = time.monotonic()
+            outgoing, now = self._outgoing[name], self._monotonic()
             if now - outgoing.sent_at < outgoing.shortest:
                 self.counters["left_out_rate"] += 1
                 return False
-            if topic.kind == "command" and not self._is_fresh(payload):
+            if outgoing.topic.kind == "command" and not self._is_fresh(payload):
                 return False
             outgoing.sent_at = now
-            return self._put(outgoing, topic, payload)
+        ready = self._moved(outgoing.topic, payload, 1)
+        if ready is None:
+            return False
+        sent = self._transport.put(outgoing.key, ready, self._id if self.side is Side.WORKSTATION else b"")
+        self.counters["sent" if sent else "left_out_no_session"] += 1
+        return sent
 
     def is_due(self, name: str) -> bool:
         """Whether a message of this topic would go out now, as far as its rate is concerned."""
         outgoing = self._outgoing.get(name)
-        return outgoing is not None and time.monotonic() - outgoing.sent_at >= outgoing.shortest
+        return outgoing is not None and self._monotonic() - outgoing.sent_at >= outgoing.shortest
+
+    def beat(self) -> None:
+        """One heartbeat; also between two, to tell at once what has changed about the stops."""
+        now = self._monotonic()
+        if self.side is Side.WORKSTATION:
+            if now - max(self._heard_at, self._opened_at) > GIVEN_UP_AFTER:
+                self._reopen()
+            self._transport.put(self.config.heartbeat_key(Side.ROBOT), self._ping(), self._id)
+            return
+        with self._lock:
+            for identity, end in list(self._ends.items()):
+                if now - end.heard_at > GIVEN_UP_AFTER:
+                    self._give_up(identity)
 
     def ask_release(self, timeout: float = 2.0) -> str:
         """At the workstation: asks the robot to release what is latched; its answer, empty where nothing is left.
 
-        Raises LinkError where no answer came.
+        The question brings along what the sources say here, so that none is passed over. Raises LinkError where no
+        answer came.
         """
-        session = self._session
-        if session is not None:
-            with contextlib.suppress(zenoh.ZError):
-                for reply in session.get(self.config.release_key, payload=_TRIGGER_REQUEST, timeout=timeout):
-                    if reply.ok is not None:
-                        return _trigger_answer(bytes(reply.ok.payload))
-        raise LinkError(f"the robot did not answer {self.config.release_key} within {timeout:g} s")
+        answer = self._transport.ask(_TRIGGER_REQUEST, self._ping(), timeout)
+        if answer is None:
+            raise LinkError(f"the robot did not answer {self.config.release_key} within {timeout:g} s")
+        left = _trigger_answer(answer)
+        if not left:
+            self.stops.release()
+        return left
 
     def answer_release(self, release: Callable[[], str]) -> None:
         """At the robot: who does the releasing; what is left comes back in words."""
         self._answer_release = release
 
+    def name_of(self, sender: str) -> str:
+        """At the robot: who that is, in words."""
+        end = self._ends.get(sender)
+        return "a peer without a name" if end is None else end.name
+
     def status(self) -> dict[str, object]:
         """How the link is doing, for the diagnostics."""
-        peers = []
-        session = self._session
-        if session is not None:
-            with contextlib.suppress(zenoh.ZError):
-                peers = sorted({str(link.auth_identifier or link.dst) for link in session.info.links()})
         return {
             "connected": self.connected,
-            "peers": ", ".join(peers),
+            "peers": ", ".join(self._transport.peers()),
             **{name: f"{value:.3f}" for name, value in self.link_clock.statistics().items()},
             **dict(sorted(self.counters.items())),
         }
 
     # Inside
-
-    def _topic(self, name: str) -> Topic:
-        return next(topic for topic in self.config.topics if topic.name == name)
 
     def _is_fresh(self, payload: bytes) -> bool:
         try:
@@ -196,144 +235,79 @@ class LinkEnd:
             self.counters["left_out_malformed"] += 1
             return None
 
-    def _put(self, outgoing: _Outgoing, topic: Topic, payload: bytes) -> bool:
-        ready = self._moved(topic, payload, 1)
-        if ready is None:
-            return False
-        try:
-            outgoing.publisher.put(ready)
-        except zenoh.ZError:
-            self.counters["left_out_no_session"] += 1
-            return False
-        self.counters["sent"] += 1
-        return True
+    def _ping(self) -> bytes:
+        with self._lock:
+            self._sequence = (self._sequence + 1) & 0xFFFFFFFF
+            sequence = self._sequence
+        return Ping(sequence, self._clock(), self._id, self.name, self.stops.told()).encode()
 
-    def _on_sample(self, sample: zenoh.Sample) -> None:
-        topic = self._incoming.get(str(sample.key_expr))
+    def _keep_alive(self) -> None:
+        while not self._stop.wait(1.0 / self.config.heartbeat_rate):
+            self.beat()
+
+    def _reopen(self) -> None:
+        self.counters["reopened"] += 1
+        self._transport.close()
+        with contextlib.suppress(LinkError):
+            self._transport.open(self._on_message, self._on_release)
+        self._opened_at = self._monotonic()
+
+    # From the transport's threads
+
+    def _on_message(self, key: str, payload: bytes, note: bytes) -> None:
+        topic = self._incoming.get(key)
         if topic is None:
+            with contextlib.suppress(ValueError):  # a heartbeat that is none counts for nothing
+                if self.side is Side.ROBOT:
+                    self._on_ping(Ping.decode(payload))
+                else:
+                    self._on_pong(Pong.decode(payload))
             return
         self._alive()
-        payload = bytes(sample.payload)
-        if topic.kind == "event":
-            if self._events.get(topic.name) == payload:
-                return
-            self._events[topic.name] = payload
         ready = self._moved(topic, payload, -1)
         if ready is not None:
             self.counters["received"] += 1
-            self._deliver(topic, ready)
+            self._deliver(topic, ready, note.hex())
 
     def _alive(self) -> None:
-        self._heard_at = time.monotonic()
+        self._heard_at = self._monotonic()
         self._heard()
 
-    def _on_ping(self, sample: zenoh.Sample) -> None:
-        payload = bytes(sample.payload)
-        if len(payload) != PING.size:
-            return
+    def _on_ping(self, ping: Ping) -> None:
         self._alive()
-        sequence, sent = PING.unpack(payload)
-        with self._lock, contextlib.suppress(zenoh.ZError):
-            if self._session is not None:
-                self._heartbeat.put(PONG.pack(sequence, sent, self._clock()))
+        self._take_stops(ping)
+        pong = Pong(ping.sequence, ping.sent, self._clock(), ping.end)
+        self._transport.put(self.config.heartbeat_key(Side.WORKSTATION), pong.encode())
 
-    def _on_pong(self, sample: zenoh.Sample) -> None:
-        payload = bytes(sample.payload)
-        if len(payload) != PONG.size:
+    def _take_stops(self, ping: Ping) -> None:
+        """What an end says counts until it says something else, or is given up. Overtaken heartbeats say nothing."""
+        with self._lock:
+            identity = ping.end.hex()
+            end = self._ends.get(identity)
+            if end is not None and ping.sequence < end.sequence:
+                return
+            if end is None and len(self._ends) >= LARGEST_NUMBER_OF_ENDS:
+                self._give_up(min(self._ends, key=lambda other: self._ends[other].heard_at))
+            self._ends[identity] = _FarEnd(ping.name, self._monotonic(), ping.sequence)
+            self.stops.take(identity, ping.stops)
+
+    def _give_up(self, identity: str) -> None:
+        del self._ends[identity]
+        self.stops.forget(identity)
+
+    def _on_pong(self, pong: Pong) -> None:
+        if pong.end != self._id:  # another workstation's
             return
         if not self.connected:  # it may have started anew, with another clock
             self.link_clock.clear()
         self._alive()
-        _, sent, answered = PONG.unpack(payload)
-        self.link_clock.add(sent, answered, self._clock())
+        self.link_clock.add(pong.sent, pong.answered, self._clock())
 
-    def _on_release(self, query: zenoh.Query) -> None:
-        with query:
-            left = "nobody here releases anything" if self._answer_release is None else self._answer_release()
-            query.reply(self.config.release_key, _trigger_response(left))
-
-    def _keep_alive(self) -> None:
-        period = 1.0 / self.config.heartbeat_rate
-        opened = time.monotonic()
-        while not self._stop.wait(period):
-            if self.side is Side.WORKSTATION:
-                now = time.monotonic()
-                if now - max(self._heard_at, opened) > REOPEN_AFTER:
-                    self.counters["reopened"] += 1
-                    self._close_session()
-                    with contextlib.suppress(LinkError):
-                        self._open_session()
-                    opened = time.monotonic()
-                self._ping()
-            self._repeat_events()
-
-    def _ping(self) -> None:
-        self._sequence = (self._sequence + 1) & 0xFFFFFFFF
-        with self._lock, contextlib.suppress(zenoh.ZError):
-            if self._session is not None:
-                self._heartbeat.put(PING.pack(self._sequence, self._clock()))
-
-    def _repeat_events(self) -> None:
-        with self._lock:
-            for name, outgoing in self._outgoing.items():
-                if outgoing.last is not None and self._session is not None:
-                    self._put(outgoing, self._topic(name), outgoing.last)
-
-    # The session
-
-    def _open_session(self) -> None:
-        session = open_session(self.config, self.side)
-        config, namespace = self.config, self.config.namespace
-        try:
-            with self._lock:
-                self._session = session
-                self._heartbeat = _publisher(session, config.heartbeat_key(self.side.other), "real_time")
-                for topic in config.topics:
-                    if topic.to is not self.side:
-                        publisher = _publisher(session, topic.key(namespace), topic.priority)
-                        before = self._outgoing.get(topic.name)
-                        # Half a period early is still in time; nothing is left out for a little jitter.
-                        shortest = 0.5 / topic.max_rate if topic.max_rate else 0.0
-                        self._outgoing[topic.name] = _Outgoing(
-                            publisher, shortest, last=before.last if before else None
-                        )
-                for topic in config.topics:
-                    self._declared.append(self._token(session, topic))
-                for key in self._incoming:
-                    self._declared.append(session.declare_subscriber(key, self._on_sample))
-                answer = self._on_ping if self.side is Side.ROBOT else self._on_pong
-                self._declared.append(session.declare_subscriber(config.heartbeat_key(self.side), answer))
-                if self.side is Side.ROBOT:
-                    self._declared.append(session.declare_queryable(config.release_key, self._on_release))
-        except zenoh.ZError as error:
-            raise LinkError(f"link: {error}") from error
-
-    def _token(self, session: zenoh.Session, topic: Topic) -> Any:
-        """Tells an official bridge at the far end that this topic is published or wanted here."""
-        key = topic.key(self.config.namespace).replace("/", "§")
-        kind = "MS" if topic.to is self.side else "MP"
-        qos = TRANSIENT_LOCAL_QOS if topic.kind == "event" else DEFAULT_QOS
-        token = f"@/{session.zid()}/@ros2_lv/{kind}/{key}/{topic.type.replace('/', '§')}/{qos}"
-        return session.liveliness().declare_token(token)
-
-    def _close_session(self) -> None:
-        with self._lock:
-            session, self._session = self._session, None
-            self._declared.clear()
-        if session is not None:
-            with contextlib.suppress(zenoh.ZError):
-                session.close()
-
-
-def _publisher(session: zenoh.Session, key: str, priority: str) -> Any:
-    """Sends at once and drops rather than waits: what cannot go now is old when it can."""
-    return session.declare_publisher(
-        key,
-        congestion_control=zenoh.CongestionControl.DROP,
-        priority=PRIORITIES[priority],
-        express=True,
-        reliability=zenoh.Reliability.BEST_EFFORT,
-    )
+    def _on_release(self, note: bytes) -> bytes:
+        with contextlib.suppress(ValueError):  # an official bridge brings nothing along
+            self._take_stops(Ping.decode(note))
+        left = "nobody here releases anything" if self._answer_release is None else self._answer_release()
+        return _trigger_response(left)
 
 
 # std_srvs/Trigger as CDR, little-endian.

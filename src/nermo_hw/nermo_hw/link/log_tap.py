@@ -22,6 +22,7 @@ _REFUSED = re.compile(r"Using cached result: (\w+) is unauthorized to (Put|Delet
 _FAILED = (
     ("sent no certificate", "a peer without a certificate was turned away"),
     ("UnknownIssuer", "a peer whose certificate is not ours was turned away"),
+    ("xpired", "a peer whose certificate has ended was turned away"),
     ("invalid peer certificate", "a peer with an unusable certificate was turned away"),
     ("BadSignature", "a peer whose certificate is not ours was turned away"),
 )

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import zenoh
 
 from nermo_hw.link.config import LinkConfig, Side
+from nermo_hw.link.revocation import common_name, revoked_names
+from nermo_hw.link.transport import LinkError
 
 PRIORITIES = {
     "real_time": zenoh.Priority.REAL_TIME,
@@ -18,10 +22,6 @@ PRIORITIES = {
     "data_low": zenoh.Priority.DATA_LOW,
     "background": zenoh.Priority.BACKGROUND,
 }
-
-
-class LinkError(OSError):
-    """The link cannot be set up; the text says which end and why."""
 
 
 def open_session(config: LinkConfig, side: Side) -> zenoh.Session:
@@ -74,6 +74,7 @@ def _tls(config: LinkConfig, side: Side) -> dict[str, Any]:
     for file in (ca, certificate, key):
         if not file.is_file():
             raise LinkError(f"{file} is missing: `nermo hw keys` makes it")
+    _check_validity(certificate)
     return {
         "root_ca_certificate": str(ca),
         "listen_certificate": str(certificate),
@@ -81,17 +82,36 @@ def _tls(config: LinkConfig, side: Side) -> dict[str, Any]:
         "connect_certificate": str(certificate),
         "connect_private_key": str(key),
         "enable_mtls": True,
+        "close_link_on_expiration": True,
         # The access list goes by the name in the certificate, and a robot's address changes with the network.
         "verify_name_on_connect": False,
     }
+
+
+def _check_validity(certificate: Path) -> None:
+    """Zenoh would only try again and again. A robot's end without `cryptography` does without this sentence too."""
+    try:
+        from nermo_hw.link.keys import KeysError, valid_until
+    except ImportError:
+        return
+    try:
+        end = valid_until(certificate)
+    except KeysError as error:
+        raise LinkError(str(error)) from error
+    if end <= datetime.now(UTC):
+        raise LinkError(f"{certificate} ended on {end.date()}: `nermo hw keys --renew` makes a new one")
 
 
 def access_list(config: LinkConfig, side: Side) -> dict[str, Any]:
     """Who may do what at an end, by the common name of the certificate; everything else is refused.
 
     Whoever has a certificate of ours may know which topics this end listens to: a peer that tries to use one without
-    being on the list is then refused by name, and not ignored unseen.
+    being on the list is then refused by name, and not ignored unseen. Names on the list of revoked certificates are
+    on no other list.
     """
+    revoked = frozenset[str]() if config.keys is None else revoked_names(config.keys)
+    far_end = common_name(config.peer(side.other).name, revoked)
+    observers = [common_name(name, revoked) for name in config.observers]
     incoming, outgoing = config.key_list(side), config.key_list(side.other)
     tokens = ["@/*/@ros2_lv/**"]
     services = [config.release_key]
@@ -115,14 +135,14 @@ def access_list(config: LinkConfig, side: Side) -> dict[str, Any]:
     everything = [entry["id"] for entry in rules]
     subjects: list[dict[str, Any]] = [
         {"id": "anybody"},
-        {"id": "far_end", "cert_common_names": [config.peer(side.other).name]},
+        {"id": "far_end", "cert_common_names": [far_end]},
     ]
     policies = [
         {"rules": ["announce"], "subjects": ["anybody"]},
         {"rules": everything, "subjects": ["far_end"]},
     ]
-    if config.observers and side is Side.ROBOT:
-        subjects.append({"id": "observers", "cert_common_names": list(config.observers)})
+    if observers and side is Side.ROBOT:
+        subjects.append({"id": "observers", "cert_common_names": observers})
         policies.append({"rules": ["send", "be_asked", "tell_tokens"], "subjects": ["observers"]})
     return {
         "enabled": True,

@@ -14,16 +14,17 @@ from pydantic import Field
 from rclpy.node import Node
 from sensor_msgs.msg import BatteryState, Imu
 from std_msgs.msg import Bool
-from std_srvs.srv import Trigger
 
 from nermo_description.robots import load_robot
 from nermo_hw.safety.causes import Cause, State
-from nermo_hw.safety.supervisor import Output, RefusedCommandError, SafetySettings, SafetySupervisor
+from nermo_hw.safety.supervisor import Output, SafetySettings, SafetySupervisor
 from nermo_hw.types import Array, Fault, SensorSample
 from nermo_interfaces.msg import ServoCommand, ServoStates
 from nermo_node import qos
+from nermo_node.command_input import CommandInput
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import ERROR, OK, WARN, Diagnostics, Status
+from nermo_node.emergency_stop_input import EmergencyStopInput
 from nermo_node.parameters import blame, declare
 from nermo_node.run import run
 from nermo_node.time import to_message, to_nanoseconds
@@ -52,22 +53,26 @@ class SafetySupervisorNode(Node):
         self._supervisor = SafetySupervisor(robot, settings, now=self._now())
         self._names = list(robot.servos)
         self._auto_release = settings.auto_release
-        self._orientation = np.array([1.0, 0.0, 0.0, 0.0])
-        self._voltage = math.nan
+        nothing = np.full(3, math.nan)
+        self._imu = (np.full(4, math.nan), nothing, nothing)
+        """Orientation, rates, accelerations; no numbers as long as none have come."""
+        self._supply = (math.nan, math.nan)
+        """Voltage, current."""
         self._power: bool | None = None
-        self._pressed = False
         self._sensed_at = self._now()
         self._output: Output | None = None
         self._refused = Complaints(self, "refused")
         self._commands = self.create_publisher(ServoCommand, "safe_servo_command", qos.COMMAND)
         self._powers = self.create_publisher(Bool, "servo_power", qos.LATCHED)
-        self.create_subscription(ServoCommand, "servo_command", self._on_command, qos.COMMAND)
+        # The supervisor's door judges the stamps.
+        self._owned = CommandInput(self, lambda text: self._refused.add([text]), self._now, oldest=None)
+        self._owned.subscribe(ServoCommand, "servo_command", self._on_command)
         self.create_subscription(ServoStates, "servo_states", self._on_servo_states, qos.BEST_EFFORT)
         self.create_subscription(Imu, "imu/data_raw", self._on_imu, qos.BEST_EFFORT)
         self.create_subscription(BatteryState, "battery", self._on_battery, qos.BEST_EFFORT)
-        self.create_subscription(Bool, "emergency_stop", self._on_emergency_stop, qos.LATCHED)
-        self.create_service(Trigger, "~/release", self._on_release)
-        Diagnostics(self, robot.name, {"safety": self._status, "commands": self._refused.status})
+        self._stop_input = EmergencyStopInput(self, self._supervisor.stops, self._decide, self._release)
+        parts = {"safety": self._status, "commands": self._refused.status, "owner": self._owned.status}
+        Diagnostics(self, robot.name, parts)
         self.create_timer(TICK_S, self._watch)
         self._decide()
 
@@ -75,11 +80,8 @@ class SafetySupervisorNode(Node):
         return int(self.get_clock().now().nanoseconds)
 
     def _on_command(self, message: ServoCommand) -> None:
-        try:
-            stamp = to_nanoseconds(message.header.stamp)
-            self._supervisor.take_command(stamp, message.name, message.position, self._now())
-        except RefusedCommandError as error:
-            self._refused.add([f"servo command refused: {error}"])
+        stamp = to_nanoseconds(message.header.stamp)
+        self._supervisor.take_command(stamp, message.name, message.position, self._now())
 
     def _on_servo_states(self, message: ServoStates) -> None:
         self._sensed_at = now = self._now()
@@ -92,11 +94,11 @@ class SafetySupervisorNode(Node):
             knee_angles=np.zeros(4),
             piezoresistive=np.zeros(4),
             piezoelectric=np.zeros(4),
-            orientation=self._orientation,
-            angular_velocity=np.zeros(3),
-            linear_acceleration=np.zeros(3),
-            battery_voltage=self._voltage,
-            battery_current=math.nan,
+            orientation=self._imu[0],
+            angular_velocity=self._imu[1],
+            linear_acceleration=self._imu[2],
+            battery_voltage=self._supply[0],
+            battery_current=self._supply[1],
             faults=Fault(0),
             limp=False,
         )
@@ -111,24 +113,20 @@ class SafetySupervisorNode(Node):
         return np.array([by_name.get(name, math.nan) for name in self._names])
 
     def _on_imu(self, message: Imu) -> None:
-        q = message.orientation
-        self._orientation = np.array([q.w, q.x, q.y, q.z])
+        q, rate, acceleration = message.orientation, message.angular_velocity, message.linear_acceleration
+        self._imu = (
+            np.array([q.w, q.x, q.y, q.z]),
+            np.array([rate.x, rate.y, rate.z]),
+            np.array([acceleration.x, acceleration.y, acceleration.z]),
+        )
 
     def _on_battery(self, message: BatteryState) -> None:
-        self._voltage = message.voltage
+        self._supply = (message.voltage, -message.current)
 
-    def _on_emergency_stop(self, message: Bool) -> None:
-        if message.data:
-            self._supervisor.emergency_stop("topic emergency_stop")
-        elif self._pressed:
-            self._supervisor.end_emergency_stop()
-        self._pressed = bool(message.data)
+    def _release(self) -> str:
+        left = self._supervisor.release(self._now())
         self._decide()
-
-    def _on_release(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.message = self._supervisor.release(self._now())
-        response.success = not response.message
-        return response
+        return left
 
     def _watch(self) -> None:
         """Decides also when no sensor data comes."""
@@ -151,7 +149,7 @@ class SafetySupervisorNode(Node):
     def _status(self) -> Status:
         output = self._output
         assert output is not None, "the constructor has decided once"
-        why = "; ".join(self._supervisor.reason(cause) for cause in output.causes)
+        self._stop_input.forget_the_gone()
         level = {State.FOLLOW: OK, State.HOLD: WARN}.get(output.state, ERROR)
         if output.causes == (Cause.START,):
             level = WARN
@@ -161,7 +159,7 @@ class SafetySupervisorNode(Node):
             "commands_accepted": self._supervisor.accepted,
             "commands_refused": self._supervisor.refused,
         }
-        return level, f"{output.state}: {why}" if why else str(output.state), values
+        return level, self._supervisor.sentence(output), values
 
 
 def main() -> int:

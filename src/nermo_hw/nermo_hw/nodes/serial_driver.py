@@ -19,7 +19,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from nermo_description.robots import load_robot
-from nermo_description.servo_command import RefusedCommandError, ServoCommandDoor
+from nermo_description.servo_command import ServoCommandDoor
 from nermo_hw.nodes.sample_publishers import SamplePublishers
 from nermo_hw.serial.calibration import load_calibration
 from nermo_hw.serial.driver import Driver
@@ -28,6 +28,7 @@ from nermo_hw.serial.schedule import FixedStepSchedule
 from nermo_hw.types import LATCHED, LineError, LineLostError, SensorSample, ServoTargets, SilentLineError
 from nermo_interfaces.msg import ServoCommand
 from nermo_node import qos
+from nermo_node.command_input import CommandInput
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import ERROR, OK, WARN, Diagnostics, Status
 from nermo_node.parameters import blame, declare
@@ -150,13 +151,22 @@ class SerialDriverNode(Node):
 
         self._power = True
         """What the safety supervisor wants; without one there is power."""
-        self.create_subscription(ServoCommand, "servo_command", self._on_command, qos.COMMAND)
+        # The door judges the stamps.
+        self._commands = CommandInput(
+            self, lambda text: self._refused.add([text]), lambda: self.get_clock().now().nanoseconds, oldest=None
+        )
+        self._commands.subscribe(ServoCommand, "servo_command", self._on_command)
         self.create_subscription(Bool, "servo_power", self._on_power, qos.LATCHED)
         self.create_service(Trigger, "~/release", self._on_release)
         self._diagnostics = Diagnostics(
             self,
             hardware_id=f"{robot.name} at {settings.port}",
-            parts={"line": self._line_status, "device": self._device_status, "messages": self._refused.status},
+            parts={
+                "line": self._line_status,
+                "device": self._device_status,
+                "messages": self._refused.status,
+                "owner": self._commands.status,
+            },
         )
         self.create_timer(0.5, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._thread = threading.Thread(target=self._live, name="line", daemon=True)
@@ -173,11 +183,7 @@ class SerialDriverNode(Node):
 
     def _on_command(self, message: ServoCommand) -> None:
         stamp, now = to_nanoseconds(message.header.stamp), self.get_clock().now().nanoseconds
-        try:
-            positions = self._door.open(stamp, message.name, message.position, now)
-        except RefusedCommandError as error:
-            self._refused.add([f"servo command refused: {error}"])
-            return
+        positions = self._door.open(stamp, message.name, message.position, now)
         with self._lock:
             self._follower.command(np.array(positions))
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import socket
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +14,22 @@ from pydantic import BaseModel, ConfigDict, Field
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from std_srvs.srv import Trigger
 
+from nermo_description.commanding import command_time
 from nermo_description.parameter_files import ParameterError as FileError
+from nermo_hw.link import stamp
 from nermo_hw.link.config import DEFAULT, Side, Topic, load_link
 from nermo_hw.link.end import LinkEnd
-from nermo_hw.link.session import LinkError
+from nermo_hw.link.transport import LinkError
 from nermo_node import qos
+from nermo_node.command_input import CommandInput
+from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import OK, WARN, Diagnostics, Status
+from nermo_node.emergency_stop_input import TOPIC, EmergencyStopInput
 from nermo_node.parameters import ParameterError, declare
 from nermo_node.run import run
 
-_QOS_IN = {"command": qos.COMMAND, "event": qos.LATCHED, "sensor": qos.BEST_EFFORT}
+_QOS_IN = {"event": qos.LATCHED, "sensor": qos.BEST_EFFORT}
 _QOS_OUT = {"command": qos.COMMAND, "event": qos.LATCHED, "sensor": qos.SENSOR}
 
 
@@ -38,7 +44,7 @@ class ZenohLinkParameters(BaseModel):
 
 
 class ZenohLinkNode(Node):
-    """Hands messages over as they are; the service `~/release` lets the robot go on after a latched fault."""
+    """Hands messages over as they are; the service `release` lets the robot go on after a latched fault."""
 
     def __init__(self) -> None:
         super().__init__("zenoh_link")
@@ -54,15 +60,23 @@ class ZenohLinkNode(Node):
         self._outputs: dict[str, Publisher] = {}
         self._lock = threading.Lock()
         self._connected = False
-        self._end = LinkEnd(config, Side.WORKSTATION, self._on_far_message, self._now)
+        self._config = config
+        name = f"{socket.gethostname()} {self.get_fully_qualified_name()}"
+        self._end = LinkEnd(config, Side.WORKSTATION, self._on_far_message, self._now, name=name)
+        self._refused = Complaints(self, "refused")
+        self._commands = CommandInput(self, lambda text: self._refused.add([text]), self._now, oldest=None)
+        release = MutuallyExclusiveCallbackGroup()
+        self._stop_input = EmergencyStopInput(self, self._end.stops, self._end.beat, self._release, release)
         for topic in config.topics:
             kind = _message_type(topic)
             if topic.to is Side.WORKSTATION:
                 self._outputs[topic.name] = self.create_publisher(kind, topic.name, _QOS_OUT[topic.kind])
-            else:
+            elif topic.kind == "command":
+                self._commands.subscribe(kind, topic.name, self._command_sender(topic), raw=True)
+            elif topic.name != TOPIC:  # stops cross with the heartbeat
                 self.create_subscription(kind, topic.name, self._sender(topic), _QOS_IN[topic.kind], raw=True)
-        self.create_service(Trigger, "~/release", self._on_release, callback_group=MutuallyExclusiveCallbackGroup())
-        Diagnostics(self, settings.robot, {"link": self._status})
+        parts = {"link": self._status, "commands": self._refused.status, "owner": self._commands.status}
+        Diagnostics(self, settings.robot, parts)
         self._end.open()
         self.get_logger().info(f"looking for the robot at {', '.join(config.workstation.endpoints)}")
 
@@ -81,19 +95,28 @@ class ZenohLinkNode(Node):
 
         return send
 
-    def _on_far_message(self, topic: Topic, payload: bytes) -> None:
+    def _command_sender(self, topic: Topic) -> Callable[[bytes], None]:
+        oldest = self._config.max_command_age
+
+        def send(payload: bytes) -> None:
+            at = stamp.read(payload)
+            counts = command_time(at, self._now(), oldest, oldest)
+            self._end.send(topic.name, payload if counts == at else stamp.moved(payload, counts - at))
+
+        return send
+
+    def _on_far_message(self, topic: Topic, payload: bytes, _: str) -> None:
         with self._lock:
             self._outputs[topic.name].publish(payload)
 
-    def _on_release(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _release(self) -> str:
         try:
-            response.message = self._end.ask_release()
-            response.success = not response.message
+            return self._end.ask_release()
         except LinkError as error:
-            response.message = str(error)
-        return response
+            return str(error)
 
     def _status(self) -> Status:
+        self._stop_input.forget_the_gone()
         values = self._end.status()
         connected = bool(values["connected"])
         if connected != self._connected:

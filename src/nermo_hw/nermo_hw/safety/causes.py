@@ -37,6 +37,27 @@ class Cause(Enum):
     SILENT_SERVO = "silent_servo"
     LINE_LOST = "line_lost"
     DEVICE_LIMP = "device_limp"
+    LONG_SILENCE = "long_silence"
+    IMU_INVALID = "imu_invalid"
+    IMU_FROZEN = "imu_frozen"
+    IMU_IMPLAUSIBLE = "imu_implausible"
+    BATTERY_INVALID = "battery_invalid"
+    BATTERY_FROZEN = "battery_frozen"
+    BATTERY_IMPLAUSIBLE = "battery_implausible"
+    SERVO_INVALID = "servo_invalid"
+    SERVO_FROZEN = "servo_frozen"
+    SERVO_IMPLAUSIBLE = "servo_implausible"
+
+    def __str__(self) -> str:
+        return self.value
+
+
+class Ends(Enum):
+    """What ends a cause whose condition has gone."""
+
+    BY_ITSELF = "by itself"
+    RELEASE = "with a release"
+    NEW_WALK = "when the commands stand and then walk anew, or with a release"
 
     def __str__(self) -> str:
         return self.value
@@ -52,23 +73,38 @@ class Rule:
     state: State
     after: float
     """How long the condition must last before the state is taken [s]; then it is taken in the next control tick."""
-    latched: bool
-    """True: stays until it is released and the condition has gone. False: ends with the condition."""
+    ends: Ends = Ends.RELEASE
+
+    @property
+    def latched(self) -> bool:
+        """Whether it stays when the condition has gone."""
+        return self.ends is not Ends.BY_ITSELF
 
 
 RULES: tuple[Rule, ...] = (
-    Rule(Cause.START, "the supervisor has started", State.LIMP, 0.0, True),
-    Rule(Cause.COMMAND_SILENCE, "no acceptable servo_command", State.HOLD, 0.2, False),
-    Rule(Cause.COMMAND_LOST, "still no acceptable servo_command", State.CROUCH, 1.0, False),
-    Rule(Cause.LINK_LOST, "nothing at all from the workstation", State.CROUCH, 0.5, False),
-    Rule(Cause.EMERGENCY_STOP, "topic emergency_stop, pad button, SIGUSR1", State.LIMP, 0.0, True),
-    Rule(Cause.FALLEN, "the body is tilted by more than max_tilt", State.LIMP, 0.2, True),
-    Rule(Cause.OVER_CURRENT, "a servo draws more than max_current", State.LIMP, 0.25, True),
-    Rule(Cause.LOW_BATTERY, "voltage below low_voltage", State.CROUCH, 1.0, True),
-    Rule(Cause.EMPTY_BATTERY, "voltage below empty_voltage", State.LIMP, 0.5, True),
-    Rule(Cause.SILENT_SERVO, "a servo does not answer its board", State.CROUCH, 0.1, True),
-    Rule(Cause.LINE_LOST, "the device, or a board of it, does not answer", State.LIMP, 0.3, True),
-    Rule(Cause.DEVICE_LIMP, "the device is limp by itself: watchdog, restart, over-current", State.LIMP, 0.1, True),
+    Rule(Cause.START, "the supervisor has started", State.LIMP, 0.0),
+    Rule(Cause.COMMAND_SILENCE, "no acceptable servo_command", State.HOLD, 0.2, Ends.BY_ITSELF),
+    Rule(Cause.COMMAND_LOST, "still no acceptable servo_command", State.CROUCH, 1.0, Ends.BY_ITSELF),
+    Rule(Cause.LINK_LOST, "nothing at all from the workstation", State.CROUCH, 0.5, Ends.BY_ITSELF),
+    Rule(Cause.LONG_SILENCE, "no acceptable servo_command for new_walk_after", State.CROUCH, 5.0, Ends.NEW_WALK),
+    Rule(Cause.EMERGENCY_STOP, "pad, keyboard, any publisher of emergency_stop, or SIGUSR1", State.LIMP, 0.0),
+    Rule(Cause.FALLEN, "the body is tilted by more than max_tilt", State.LIMP, 0.2),
+    Rule(Cause.OVER_CURRENT, "a servo draws more than max_current", State.LIMP, 0.25),
+    Rule(Cause.LOW_BATTERY, "voltage below low_voltage", State.CROUCH, 1.0),
+    Rule(Cause.EMPTY_BATTERY, "voltage below empty_voltage", State.LIMP, 0.5),
+    Rule(Cause.SILENT_SERVO, "a servo does not answer its board", State.CROUCH, 0.1),
+    Rule(Cause.LINE_LOST, "the device, or a board of it, does not answer", State.LIMP, 0.3),
+    Rule(Cause.DEVICE_LIMP, "the device is limp by itself: watchdog, restart, over-current", State.LIMP, 0.1),
+    # Without an IMU falls are not seen: low down there is none. Without a battery reading power may go any moment.
+    Rule(Cause.IMU_INVALID, "no unit quaternion, or a rate or acceleration that is no number", State.CROUCH, 0.1),
+    Rule(Cause.IMU_FROZEN, "the same to the last bit while servos or the body move", State.CROUCH, 0.5),
+    Rule(Cause.IMU_IMPLAUSIBLE, "orientation against accelerometer or gyroscope", State.CROUCH, 1.0),
+    Rule(Cause.BATTERY_INVALID, "a voltage that is no number", State.CROUCH, 3.0),
+    Rule(Cause.BATTERY_FROZEN, "voltage and current the same to the last bit while servos move", State.CROUCH, 10.0),
+    Rule(Cause.BATTERY_IMPLAUSIBLE, "voltage above highest_voltage", State.CROUCH, 1.0),
+    Rule(Cause.SERVO_INVALID, "a position, speed or current that is no number", State.CROUCH, 0.1),
+    Rule(Cause.SERVO_FROZEN, "a position the same to the last bit while the servo is told to move", State.CROUCH, 0.5),
+    Rule(Cause.SERVO_IMPLAUSIBLE, "0.3 rad beyond its range, or 3 times faster than it can be", State.CROUCH, 0.25),
 )
 """Bad commands (stale, from the future, repeated, out of order, not finite, of a wrong length, with unknown names) are
 refused and counted; when no other comes, command_silence follows. Positions, rates and torques are limited without a
@@ -79,9 +115,6 @@ RULE_OF: dict[Cause, Rule] = {rule.cause: rule for rule in RULES}
 
 def table() -> str:
     """The rules as a Markdown table, as it stands in the documentation."""
-    rows = ["| cause | when | state | after | latched |", "|---|---|---|---|---|"]
-    rows += [
-        f"| `{rule.cause}` | {rule.what} | {rule.state} | {rule.after:g} s | {'yes' if rule.latched else 'no'} |"
-        for rule in RULES
-    ]
+    rows = ["| cause | when | state | after | ends, once the reason has gone |", "|---|---|---|---|---|"]
+    rows += [f"| `{rule.cause}` | {rule.what} | {rule.state} | {rule.after:g} s | {rule.ends} |" for rule in RULES]
     return "\n".join(rows)

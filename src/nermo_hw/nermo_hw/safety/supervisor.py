@@ -10,10 +10,13 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from nermo_description.emergency_stops import EmergencyStops
 from nermo_description.parameters import RobotParameters
 from nermo_description.servo_command import RefusedCommandError, ServoCommandDoor
-from nermo_hw.safety.causes import RULE_OF, RULES, Cause, State
+from nermo_hw.safety.causes import RULE_OF, RULES, Cause, Rule, State
 from nermo_hw.safety.limits import ServoLimits
+from nermo_hw.safety.new_walk import NewWalk
+from nermo_hw.safety.sensor_checks import SENSOR_CAUSES, SensorChecks
 from nermo_hw.types import LATCHED, Array, SensorSample, ServoTargets
 
 __all__ = ["Output", "RefusedCommandError", "SafetySettings", "SafetySupervisor"]
@@ -45,6 +48,16 @@ class SafetySettings(BaseModel):
     # Two lithium-polymer cells: 3.3 and 3.0 V each.
     low_voltage: float = Field(6.6, ge=0.0, le=30.0, description="Battery is low", json_schema_extra=_unit("V"))
     empty_voltage: float = Field(6.0, ge=0.0, le=30.0, description="Battery is empty", json_schema_extra=_unit("V"))
+    highest_voltage: float = Field(
+        9.0, ge=0.0, le=60.0, description="More than a full battery has", json_schema_extra=_unit("V")
+    )
+    new_walk_after: float = Field(
+        RULE_OF[Cause.LONG_SILENCE].after,
+        ge=0.0,
+        le=3600.0,
+        description="Without commands for so long, a walk must begin anew before the robot follows; 0: it need not",
+        json_schema_extra=_unit("s"),
+    )
     max_tilt: float = Field(
         1.05, ge=0.1, le=math.pi, description="Tilted further, it has fallen", json_schema_extra=_unit("rad")
     )
@@ -85,6 +98,8 @@ class SafetySupervisor:
         self.robot = robot
         self.settings = settings or SafetySettings()
         self.servos = tuple(robot.servos)
+        self.stops = EmergencyStops()
+        """Who stops the robot; any thread and signal handler may say so here."""
         self._limits = ServoLimits(robot, self.settings.torque_share)
         self._door = ServoCommandDoor(self.servos, self.settings.max_command_age, self.settings.max_command_lead)
         self._crouch = np.array(list(robot.posture("crouch").values()))
@@ -93,6 +108,8 @@ class SafetySupervisor:
         self._command_at = now
         self._command_stamp: int | None = None
         self._heard_at: int | None = None
+        self._new_walk = NewWalk()
+        self._checks = SensorChecks(robot, self.settings.highest_voltage)
         self._sample: SensorSample | None = None
         self._sample_at = now
         self._since: dict[Cause, int] = {}
@@ -118,6 +135,10 @@ class SafetySupervisor:
             raise
         self._command, self._command_at, self._command_stamp = command, now, stamp
         self.accepted += 1
+        if Cause.LONG_SILENCE in self._latched:
+            self._new_walk.take(command, now)
+            if self._new_walk.begun:
+                self._latched.discard(Cause.LONG_SILENCE)
 
     def heard(self, now: int) -> None:
         """The workstation gave any sign of life. The link counts as lost only after the first."""
@@ -127,6 +148,10 @@ class SafetySupervisor:
         """Takes what one exchange with the device brought."""
         self._sample, self._sample_at = sample, now
         settings = self.settings
+        found = self._checks.take(sample, None if self._state is State.LIMP else self._goal(self._state), now)
+        for cause in SENSOR_CAUSES:
+            finding = found.get(cause)
+            self._note(cause, *((None, "") if finding is None else (finding.since, finding.why)))
         self._watch(
             Cause.FALLEN, self._tilt(sample) > settings.max_tilt, now, f"tilted by {self._tilt(sample):.2f} rad"
         )
@@ -147,33 +172,31 @@ class SafetySupervisor:
         """An exchange with the device failed."""
         self._watch(Cause.LINE_LOST, True, now, why)
 
-    def emergency_stop(self, source: str) -> None:
-        """Limp at once, until it is released."""
-        self._latched.add(Cause.EMERGENCY_STOP)
-        self._why[Cause.EMERGENCY_STOP] = source
-
-    def end_emergency_stop(self) -> None:
-        """Whoever pressed it has ended it; every other latched cause stays."""
-        self._latched.discard(Cause.EMERGENCY_STOP)
-
     def release(self, now: int) -> str:
         """Takes back every latched cause whose condition has gone; what is left, in words, empty where nothing is.
+
+        Emergency stops are taken back all together, once no source says stop any more.
 
         A device that is limp because it was told so, or because it has restarted, is no reason to refuse: releasing it
         is what this is for.
         """
+        stopped = self.stops.release()
+        self._watch_stops(now)
         for cause in list(self._latched):
             if cause is Cause.DEVICE_LIMP or cause not in self._since:
                 self._latched.discard(cause)
         self._since.pop(Cause.DEVICE_LIMP, None)
         self._begin_softly()
-        return "; ".join(self.reason(cause) for cause in self._holding(now) if RULE_OF[cause].latched)
+        left = [cause for cause in self._holding(now) if RULE_OF[cause].latched]
+        return "; ".join(stopped if cause is Cause.EMERGENCY_STOP else self.reason(cause) for cause in left)
 
     @property
     def waits_for_the_line_only(self) -> bool:
         """Whether nothing is latched but the start and a line or device that is there again."""
         line = {Cause.START, Cause.LINE_LOST, Cause.DEVICE_LIMP}
-        return bool(self._latched) and self._latched <= line and Cause.LINE_LOST not in self._since
+        others = {cause for cause in self._holding(self._last_step) if RULE_OF[cause].latched} - line
+        waits = bool(self._latched) and not others and Cause.LINE_LOST not in self._since
+        return waits and not self.stops.active
 
     # What goes out
 
@@ -181,12 +204,17 @@ class SafetySupervisor:
         """One control tick."""
         dt = min(max((now - self._last_step) * 1e-9, 0.0), LONGEST_TICK)
         self._last_step = now
+        self._watch_stops(now)
+        self._watch_long_silence(now)
         # Silence is a condition that holds from the last sign of life on.
         self._since[Cause.COMMAND_SILENCE] = self._since[Cause.COMMAND_LOST] = self._command_at
         if self._heard_at is not None:
             self._since[Cause.LINK_LOST] = self._heard_at
         causes = self._holding(now)
-        self._latched.update(cause for cause in causes if RULE_OF[cause].latched)
+        if Cause.LONG_SILENCE in causes and Cause.LONG_SILENCE not in self._latched:
+            self._new_walk.start()
+        if Cause.START not in self._latched:  # a release is needed anyway, and much is just coming up
+            self._latched.update(cause for cause in causes if RULE_OF[cause].latched)
         state = max((RULE_OF[cause].state for cause in causes), default=State.FOLLOW)
         if state is not self._state:
             self._begin_softly(from_limp=self._state is State.LIMP)
@@ -199,7 +227,16 @@ class SafetySupervisor:
     def reason(self, cause: Cause) -> str:
         """A cause in words."""
         detail = self._why.get(cause, "")
+        if cause is Cause.LONG_SILENCE:
+            stands = self._new_walk.stands(self._last_step)
+            how = "the commands stand: walk" if stands else "let go of the stick until the commands stand, then walk"
+            detail = f"{detail}; {how} anew, or release"
         return f"{cause} ({detail})" if detail else str(cause)
+
+    def sentence(self, output: Output) -> str:
+        """The state and why, for the diagnostics."""
+        why = "; ".join(self.reason(cause) for cause in output.causes)
+        return f"{output.state}: {why}" if why else str(output.state)
 
     @property
     def state(self) -> State:
@@ -214,11 +251,24 @@ class SafetySupervisor:
     # Inside
 
     def _watch(self, cause: Cause, holds: bool, now: int, why: str) -> None:
-        if not holds:
+        self._note(cause, self._since.get(cause, now) if holds else None, why)
+
+    def _note(self, cause: Cause, since: int | None, why: str) -> None:
+        """Since when a condition has held; None where it does not."""
+        if since is None:
             self._since.pop(cause, None)
-            return
-        self._since.setdefault(cause, now)
-        self._why[cause] = why
+        else:
+            self._since[cause], self._why[cause] = since, why
+
+    def _watch_long_silence(self, now: int) -> None:
+        """A robot that has never been commanded, or whose commands come, is not left alone."""
+        silence = (now - self._command_at) * 1e-9
+        alone = self._command_stamp is not None and silence > RULE_OF[Cause.COMMAND_SILENCE].after
+        holds = alone and self.settings.new_walk_after > 0.0
+        self._note(Cause.LONG_SILENCE, self._command_at if holds else None, f"no servo_command for {silence:.1f} s")
+
+    def _watch_stops(self, now: int) -> None:
+        self._watch(Cause.EMERGENCY_STOP, self.stops.active, now, str(self.stops))
 
     def _holding(self, now: int) -> tuple[Cause, ...]:
         """Causes that are latched or have lasted long enough, worst first."""
@@ -226,9 +276,12 @@ class SafetySupervisor:
             rule.cause
             for rule in RULES
             if rule.cause in self._latched
-            or (rule.cause in self._since and now - self._since[rule.cause] >= rule.after * 1e9)
+            or (rule.cause in self._since and now - self._since[rule.cause] >= self._after(rule) * 1e9)
         ]
         return tuple(sorted(held, key=lambda cause: -RULE_OF[cause].state))
+
+    def _after(self, rule: Rule) -> float:
+        return self.settings.new_walk_after if rule.cause is Cause.LONG_SILENCE else rule.after
 
     def _begin_softly(self, from_limp: bool = False) -> None:
         self._approaching = True
@@ -244,12 +297,9 @@ class SafetySupervisor:
         if state is State.LIMP:
             self._start_from_measured()
             return
-        if state is State.HOLD:
+        if state is State.HOLD or (state is State.FOLLOW and self._command is None):
             return
-        goal = self._crouch if state is State.CROUCH else self._command
-        if goal is None:
-            return
-        target = self._limits.position(goal)
+        goal = target = self._goal(state)
         if self._sample is not None and now - self._sample_at < 0.1e9:
             target = self._limits.torque(target, self._sample.servo_positions, self._sample.servo_velocities)
         if state is State.FOLLOW and self._approaching and np.abs(goal - self._output).max() < ARRIVED:
@@ -257,12 +307,21 @@ class SafetySupervisor:
         velocity = self.settings.approach_velocity if state is State.CROUCH or self._approaching else None
         self._output = self._limits.position(self._limits.rate(target, self._output, dt, velocity))
 
+    def _goal(self, state: State) -> Array:
+        """Where the servos shall be in the end [rad]."""
+        if state is State.CROUCH:
+            return self._crouch
+        return self._output if state is State.HOLD or self._command is None else self._limits.position(self._command)
+
     def _tilt(self, sample: SensorSample) -> float:
-        """Angle between the body's upward axis and the world's [rad]; 0 where the orientation is not usable."""
+        """Angle between the body's upward axis and the world's [rad]; NaN where there is no orientation.
+
+        That is a cause of its own.
+        """
         w, x, y, z = (float(part) for part in sample.orientation)
         norm = w * w + x * x + y * y + z * z
         if not (math.isfinite(norm) and norm > 0.25):
-            return 0.0
+            return math.nan
         return math.acos(min(max(1.0 - 2.0 * (x * x + y * y) / norm, -1.0), 1.0))
 
 

@@ -55,6 +55,8 @@ CURRENT = 1e-3
 TACTILE = 2e-4
 """[V]"""
 QUATERNION = 1.0 / 16384.0
+LARGEST_ROUNDING = 1e-3
+"""A quaternion whose norm is further from 1 is not one that was rounded."""
 RATE = 1e-3
 """[rad/s]"""
 ACCELERATION = 2e-3
@@ -322,17 +324,16 @@ class BodyAnswer:
 
     @classmethod
     def decode(cls, payload: bytes) -> BodyAnswer:
-        """Raises struct.error for a wrong size, ValueError for an orientation that is none."""
+        """Raises struct.error for a wrong size. An orientation that is none comes as it is."""
         sequence, _, faults, time, *values = _BODY_ANSWER.unpack(payload)
         orientation = np.array(values[0:4]) * QUATERNION
         norm = float(np.linalg.norm(orientation))
-        if norm < 0.5:
-            raise ValueError(f"orientation {orientation.tolist()}: must be a unit quaternion")
+        rounded = abs(norm - 1.0) < LARGEST_ROUNDING
         return cls(
             sequence,
             faults,
             time,
-            orientation / norm,
+            orientation / norm if rounded else orientation,
             np.array(values[4:7]) * RATE,
             np.array(values[7:10]) * ACCELERATION,
             values[10] * VOLTAGE,

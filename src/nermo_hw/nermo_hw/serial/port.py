@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import re
 from typing import Any
 
@@ -52,6 +53,8 @@ def open_port(name: str, timeout: float) -> Any:
         options = {} if "://" in path else {"exclusive": True}
         port = serial.serial_for_url(path, baudrate=BUS_BAUD, timeout=timeout, write_timeout=1.0, **options)
     except (OSError, ValueError) as error:  # SerialException is an OSError
+        if getattr(error, "errno", None) == errno.ENOENT:
+            raise LineError(f"port {name} is not there (yet)") from error
         raise LineError(f"port {name} cannot be opened: {_reason(error)}") from error
     with contextlib.suppress(OSError, ValueError, AttributeError, NotImplementedError):
         port.set_low_latency_mode(True)  # USB adapters hold data back for 16 ms otherwise; a pseudo-terminal has none

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_sensors.bench.recording import BenchRecording
+from nermo_sensors.bench.table import BenchRecording
 from nermo_sensors.estimation.bank import FilterpyBank, KalmanBank
 from nermo_sensors.estimation.consistency import Quality, find_bumps, judge
 from nermo_sensors.estimation.health import CELLS

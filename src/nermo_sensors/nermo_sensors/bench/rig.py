@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-from nermo_sensors.bench.recording import BenchRecording
+from nermo_sensors.bench.table import BenchRecording
 from nermo_sensors.models.foot import TactileFeet
 from nermo_sensors.parameters import TactileParameters
 

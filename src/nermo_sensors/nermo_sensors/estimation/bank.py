@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 from scipy.special import erfc
 
@@ -98,6 +97,8 @@ class FilterpyBank:
     """The same on `filterpy`, one ExtendedKalmanFilter each."""
 
     def __init__(self, x: Array, P: Array) -> None:
+        from filterpy.kalman import ExtendedKalmanFilter  # it brings scipy.stats, which is slow to load
+
         check_covariance("P", P)
         self._filters = []
         for state, covariance in zip(x, P, strict=True):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from nermo_sensors.bench.recording import BenchRecording
+from nermo_sensors.bench.table import BenchRecording
 from nermo_sensors.identification.fit import Fit, UnidentifiableError, Unknown, fit
 from nermo_sensors.identification.piezoresistive import force_rate
 from nermo_sensors.models.piezoelectric import ChargeResponse, RateAccelerationResponse, RateResponse

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from nermo_sensors.bench.recording import BenchRecording
+from nermo_sensors.bench.table import BenchRecording
 from nermo_sensors.identification.fit import Fit, UnidentifiableError, Unknown, fit
 from nermo_sensors.models.amplifier import NonInvertingAmplifier
 from nermo_sensors.models.piezoresistive import LinearConductance, Sigmoid, SigmoidPair, SoftConductance

@@ -11,13 +11,13 @@ from pydantic import BaseModel, ConfigDict, Field
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
 
-from nermo_description.pantograph import PantographParameters
 from nermo_description.parameters import LEGS
 from nermo_description.robots import load_any_robot
 from nermo_interfaces.msg import LegLoads, LegStates, Tactile
 from nermo_node import qos, run
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import OK, WARN, Diagnostics, Status
+from nermo_node.inputs import Inputs
 from nermo_node.parameters import blame, declare
 from nermo_node.time import to_message, to_nanoseconds
 from nermo_sensors.estimation.estimator import LegLoadEstimator
@@ -29,6 +29,9 @@ STALE_NS = 300_000_000
 """Older leg states are not used."""
 WEIGHT_STALE_NS = 10_000_000
 """Nor is an older acceleration: it changes within a step."""
+IDLE_PERIOD_NS = 50_000_000
+"""While nobody listens to the loads, samples closer than this are passed over. The estimates stay as good, and the
+cells are still watched; from 100 ms on F2 takes its cells for broken."""
 UNKNOWN_MEASUREMENT = -1.0
 """First element of the covariance of what is not measured (REP-145)."""
 
@@ -72,7 +75,7 @@ class LegLoadEstimatorParameters(BaseModel):
 
 
 class LegLoadEstimatorNode(Node):
-    """Answers every tactile message with the loads for its stamp."""
+    """Answers every tactile message with the loads for its stamp, as long as somebody listens."""
 
     def __init__(self) -> None:
         super().__init__("leg_load_estimator")
@@ -81,21 +84,25 @@ class LegLoadEstimatorNode(Node):
             self._feet = load_tactile(parameters.feet) if parameters.feet else tactile_of_robot(parameters.robot)
         with blame("robot"):
             robot = load_any_robot(parameters.robot)
-        self._mass = robot.mass if isinstance(robot, PantographParameters) else robot.masses.total
+        self._mass = robot.total_mass
         self._estimator = LegLoadEstimator(self._feet, parameters.estimator)
         self._weigh = parameters.weigh
         self._weight: tuple[int, float] | None = None
         """Stamp [ns] and what all feet bear [N]."""
         self._on_parameters(parameters)
         self._legs: LegStates | None = None
-        self._answers = self._told_answers = 0
+        self._answers = self._told_answers = self._passed_over = 0
+        self._listened = True
+        self._looked_at: int | None = None
+        """Stamp of the last sample that was not passed over."""
         self._refused = Complaints(self, "refused")
         self._message = LegLoads()
         self._message.header.frame_id = "base_link"
         self._publisher = self.create_publisher(LegLoads, "leg_loads", qos.SENSOR)
-        self.create_subscription(LegStates, "leg_states", self._on_leg_states, qos.BEST_EFFORT)
-        self.create_subscription(Imu, "imu/data_raw", self._on_imu, qos.BEST_EFFORT)
-        self.create_subscription(Tactile, "tactile", self._on_tactile, qos.BEST_EFFORT)
+        inputs = Inputs(self, self._refused.add_one)
+        inputs.subscribe(LegStates, "leg_states", self._on_leg_states, qos.BEST_EFFORT)
+        inputs.subscribe(Imu, "imu/data_raw", self._on_imu, qos.BEST_EFFORT)
+        inputs.subscribe(Tactile, "tactile", self._on_tactile, qos.BEST_EFFORT)
         Diagnostics(
             self,
             self._feet.name,
@@ -123,6 +130,10 @@ class LegLoadEstimatorNode(Node):
 
     def _on_tactile(self, message: Tactile) -> None:
         stamp = to_nanoseconds(message.header.stamp)
+        if not self._listened and self._looked_at is not None and 0 <= stamp - self._looked_at < IDLE_PERIOD_NS:
+            self._passed_over += 1
+            return
+        self._listened, self._looked_at = self._publisher.get_subscription_count() > 0, stamp
         frequency, swing = self._gait(stamp)
         restarts = self._estimator.restarts
         weight = None
@@ -160,10 +171,11 @@ class LegLoadEstimatorNode(Node):
             "answers_in_last_second": answers,
             "late_samples": self._estimator.ignored,
             "restarts": self._estimator.restarts,
+            "passed_over": self._passed_over,
         }
         if answers == 0:
             return WARN, "no tactile readings", values
-        return OK, "running", values
+        return OK, "running" if self._listened else "nobody listens: a sample every 50 ms is enough", values
 
     def _foot(self, foot: int) -> Status:
         surprise = self._estimator.health.surprise[:, foot]

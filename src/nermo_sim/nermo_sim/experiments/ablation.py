@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from typing import Any
 
+from nermo_control.types import SPINE_FUNCTIONS
 from nermo_sim.experiments.lookup import pick
-
-FUNCTIONS = ("turning", "stride_extension", "offset_compensation", "balance_compensation")
 
 
 def ablation(facts: dict[str, Any]) -> list[dict[str, Any]]:
     """One row with all functions on, then one for each function off: trot, 0.8 Hz straight on, 0.67 Hz turning."""
-    return [_row(facts, off) for off in (None, *FUNCTIONS)]
+    return [_row(facts, off) for off in (None, *SPINE_FUNCTIONS)]
 
 
 def _row(facts: dict[str, Any], off: str | None) -> dict[str, Any]:

@@ -20,7 +20,10 @@ from nermo_control.spine.controller import SpineController
 from nermo_control.types import LegStates, MotionCommand, MotionOutput, Phase, Posture, SpineModes
 from nermo_description.model import build_model
 from nermo_description.parameters import LEGS, RobotParameters
+from nermo_sim.batch import processors
+from nermo_sim.console import cell, console
 from nermo_sim.disturbance import Disturbance, DisturbedRun
+from nermo_sim.experiments.experiment import Experiment, Facts, Finished
 from nermo_sim.experiments.runs import Job, Result, Settings, mean, rounded, spread
 from nermo_sim.models import compiled
 from nermo_sim.recording import Recorder, Recording
@@ -276,3 +279,37 @@ def _bisect(job: tuple[Settings, float, float]) -> float:
         else:
             bad = middle
     return good
+
+
+COM_KEY = "com interval"
+
+
+def _further(done: Finished[Case]) -> Facts:
+    if COM_KEY not in done.log:
+        done.log.add(COM_KEY, com_interval(done.settings, done.workers or processors()))
+    return dict(done.log[COM_KEY])
+
+
+def _notes(facts: Facts) -> None:
+    console.print(f"front COM from {cell(facts['com_interval_m'])} m ahead of base_link: the table holds")
+
+
+EXPERIMENT = Experiment(
+    name="balance",
+    title="Balance (N 6.2.3)",
+    help="""Each leg lifted and swept, with and without balance compensation (N 6.1.5, 6.2.3).
+
+    Also finds the interval of the fore-aft COM over which the table comes out as the thesis's.
+
+    \b
+    nermo experiment balance
+    nermo experiment balance --json balance.json
+    """,
+    columns=("leg", "compensation", "passed", "thesis_passed", "foot_forces_n", "pitch_deg"),
+    cases=cases,
+    run=run,
+    table=table,
+    tail="rigid",
+    further=_further,
+    notes=_notes,
+)

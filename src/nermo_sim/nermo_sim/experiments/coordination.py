@@ -19,6 +19,7 @@ from nermo_control.oscillators.legs import Coordination, OscillatorSettings
 from nermo_control.types import ControlCommand, MotionOutput, Posture, TrajectoryMode
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_sensors.parameters import tactile_of_robot
+from nermo_sim.experiments.experiment import Experiment
 from nermo_sim.experiments.losses import foot_motion
 from nermo_sim.experiments.orientation import orientation_noise
 from nermo_sim.experiments.runs import FALLEN, SETTLE, Job, Result, Settings, full_speed, mean, spread, standing_loop
@@ -221,3 +222,24 @@ def table(cases: Sequence[Case], settings: Settings, robot: RobotParameters, res
             }
         )
     return rows
+
+
+EXPERIMENT = Experiment(
+    name="coordination",
+    title="Who coordinates the legs (C 3.3)",
+    help="""The timed trot, coupled oscillators, and Tegotae on true and on estimated loads (C 3.3); a push, a leg lost.
+
+    A fall is a result (`fell`), not a failure.
+
+    \b
+    nermo experiment coordination
+    nermo experiment coordination --quick --json coordination.json
+    """,
+    columns=(
+        *("coordination", "loads", "compensation", "missing_leg", "speed_m_s", "speed_sd_m_s", "roll_sd_deg"),
+        *("pitch_sd_deg", "step_m", "step_sd_m", "recovery_s", "recovered", "repeats", "fell"),
+    ),
+    cases=cases,
+    run=run,
+    table=table,
+)

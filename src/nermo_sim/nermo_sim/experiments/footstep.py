@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from nermo_control.types import ControlCommand, Posture
 from nermo_description.parameters import LEGS, RobotParameters
+from nermo_sim.console import cell, console
 from nermo_sim.experiments import coordination, pantograph
+from nermo_sim.experiments.experiment import Experiment, Facts, Figures, Finished, Tables
 from nermo_sim.experiments.losses import foot_motion
 from nermo_sim.experiments.runs import SETTLE, Job, Result, Settings, standing_loop
 from nermo_sim.loop import Loop, constant, schedule
@@ -79,7 +81,7 @@ def cases(quick: bool) -> list[Case]:
 
 def run(job: Job[Case]) -> Result:
     """All changes at one moment: displacement [m] of each footstep, the mean of the four feet."""
-    steps = CHEETAH_CUB if pantograph.has_pantograph_legs(job.settings.robot) else MOUSE
+    steps = CHEETAH_CUB if job.settings.family == "pantograph" else MOUSE
     share = float(np.random.default_rng([job.settings.seed, job.case.moment]).random())
     moment = LIMIT_CYCLE + share / steps.frequency
     base = footsteps(job, moment, 0.0)
@@ -95,7 +97,7 @@ def run(job: Job[Case]) -> Result:
 
 def footsteps(job: Job[Case], moment: float, change: float) -> Array:
     """Places of the footsteps after the moment along the way [m], (4, steps): where each foot stands at mid-stance."""
-    if pantograph.has_pantograph_legs(job.settings.robot):
+    if job.settings.family == "pantograph":
         gait = pantograph.steady_gait(job.case.controller)
         walking: Loop[Any] = pantograph.standing_pantograph(job, gait)
         steps = CHEETAH_CUB
@@ -172,3 +174,47 @@ def fit(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, float]]:
             "first_step_right": float(np.mean(first)),
         }
     return found
+
+
+def _further(done: Finished[Case]) -> Facts:
+    return {"fit": fit(done.rows)}
+
+
+def _notes(facts: Facts) -> None:
+    for name, values in facts["fit"].items():
+        console.print(f"{name}: {cell(values)}")
+
+
+def _figures(facts: Facts) -> Figures:
+    from nermo_sim.report import modulation
+
+    return [("footsteps", "Displacement (C figures 3.5, 3.8)", modulation.footsteps(facts))]
+
+
+def _tables(facts: Facts) -> Tables:
+    fits = [{"controller": name, **values} for name, values in facts["fit"].items()]
+    return [("Linear fit", fits), ("Footsteps", facts["rows"])]
+
+
+EXPERIMENT = Experiment(
+    name="footstep",
+    title="Footsteps after a change of the step length",
+    help="""How far footsteps move once the step length has changed: open-loop CPG and Tegotae (C 3.2.5, 3.3.3).
+
+    \b
+    nermo experiment footstep
+    nermo experiment footstep --robot cheetah_cub
+    nermo experiment footstep --quick --json footstep.json
+    """,
+    columns=("controller", "delta_m", "step", "repeat", "displacement_m"),
+    cases=cases,
+    run=run,
+    table=table,
+    families=("mouse", "pantograph"),
+    repeats=None,
+    further=_further,
+    notes=_notes,
+    source="C 3.2.5 and 3.3.3",
+    figures=_figures,
+    tables=_tables,
+)

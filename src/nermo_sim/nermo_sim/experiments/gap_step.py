@@ -12,11 +12,11 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
-from scipy.stats import binomtest
 
 from nermo_control.footholds import Footfalls, Gap, landing_change, length_change
 from nermo_control.pantograph_controller import PantographController
@@ -26,6 +26,7 @@ from nermo_description.pantograph import PantographParameters
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_sim.disturbance import DisturbedRun
 from nermo_sim.experiments import pantograph
+from nermo_sim.experiments.experiment import Experiment, Facts, Figures, Finished, Outcome, Repeats
 from nermo_sim.experiments.runs import FALLEN, Job, Result, Settings
 from nermo_sim.loads import TrueLoads
 from nermo_sim.loop import Loop, constant
@@ -37,8 +38,6 @@ SCENE = "trench"
 CHANGES = ("none", "all", "each")
 WIDTHS = (0.03, 0.05, 0.07)
 """Of the gap [m]; a foot touches 1 to 2 cm of the ground in each stance."""
-REPEATS, QUICK_REPEATS = 20, 3
-"""Gaps at random distances, the same for all rows."""
 FIRST, SPREAD = 2.5, 0.3
 """Least distance of the gap from the start [m], and the range from there on: about a stride."""
 MARGIN = 0.014
@@ -236,6 +235,8 @@ class _Stepper:
 
 def table(cases: Sequence[Case], settings: Settings, robot: RobotParameters, results: list[list[Result]]) -> list[Any]:
     """One row a case: the share of the gaps that were crossed, with its 95 % interval (Wilson)."""
+    from scipy.stats import binomtest  # slow to load
+
     rows = []
     for case, runs in zip(cases, results, strict=True):
         crossed = sum(one["crossed"] for one in runs)
@@ -264,3 +265,53 @@ def crossings(cases: Sequence[Case], results: list[list[Result]]) -> list[dict[s
         for case, runs in zip(cases, results, strict=True)
         for repeat, one in enumerate(runs)
     ]
+
+
+def _further(done: Finished[Case]) -> Facts:
+    return {"runs": crossings(done.cases, done.results)}
+
+
+def _figures(facts: Facts) -> Figures:
+    from nermo_sim.report import modulation
+
+    return [("gap_steps", "Gaps crossed, and footfalls against the gap", modulation.gap_crossings(facts))]
+
+
+def _pictures(done: Outcome) -> list[Path]:
+    from nermo_sim.render import film
+
+    if not done.video:
+        return []
+    return film(done.folder / "gap_step.mp4", *filmed(Case("cpg", "each", WIDTHS[1]), done.settings))
+
+
+EXPERIMENT = Experiment(
+    name="gap-step",
+    title="Steps over a gap that is seen ahead",
+    help="""Steps over a trench that is seen ahead, at random distances: no change, all legs alike, each leg for itself.
+
+    A foot in the trench is a result (`crossed`), not a failure.
+
+    \b
+    nermo experiment gap-step
+    nermo experiment gap-step --repeats 50 --disturbed
+    nermo experiment gap-step --quick --json gap.json
+    """,
+    columns=(
+        *("controller", "change", "width_m", "runs", "crossed", "rate", "rate_low", "rate_high", "fell"),
+        "largest_change_mm",
+    ),
+    cases=cases,
+    run=run,
+    table=table,
+    families=("pantograph",),
+    robot="cheetah_cub",
+    repeats=Repeats(20, 3, "Gaps"),
+    disturbed=False,
+    video="the first gap, each leg for itself",
+    further=_further,
+    source="C 3.2.5",
+    figures=_figures,
+    tables=lambda facts: [("Gaps", facts["rows"])],
+    pictures=_pictures,
+)

@@ -17,6 +17,7 @@ from nermo_control.head import GazeMode
 from nermo_control.types import ControlCommand, SpineModes, TrajectoryMode
 from nermo_description.parameters import RobotParameters
 from nermo_sim.divergence import STATE
+from nermo_sim.experiments.experiment import Experiment
 from nermo_sim.experiments.runs import FALLEN, Job, Result, Settings, full_speed, mean, spread, standing_loop
 from nermo_sim.loop import constant
 from nermo_sim.recording import Recording
@@ -121,3 +122,22 @@ def table(cases: Sequence[Case], settings: Settings, robot: RobotParameters, res
             }
         )
     return rows
+
+
+EXPERIMENT = Experiment(
+    name="gaze",
+    title="Gaze: the neck against the gait's swing (N 7.1.2)",
+    help="""How much the head's cameras swing in a trot with the spine, with and without the neck against it (N 7.1.2).
+
+    \b
+    nermo experiment gaze
+    nermo experiment gaze --robot nermo --json gaze.json
+    """,
+    columns=(
+        *("robot", "gaze", "head_yaw_sd_deg", "head_pitch_sd_deg", "head_pitch_mean_deg", "body_yaw_sd_deg"),
+        *("body_pitch_sd_deg", "front_share", "fell"),
+    ),
+    cases=cases,
+    run=run,
+    table=table,
+)

@@ -9,6 +9,7 @@ from typing import Any
 from nermo_control.path import Path, PathStatus
 from nermo_control.types import ControlCommand, SpineModes, TrajectoryMode
 from nermo_description.parameters import RobotParameters
+from nermo_sim.experiments.experiment import Experiment, Facts
 from nermo_sim.experiments.orientation import orientation_noise
 from nermo_sim.experiments.runs import FALLEN, Job, Result, Settings, full_speed, mean, rounded, spread, standing_loop
 from nermo_sim.experiments.turning import guide_points
@@ -125,3 +126,32 @@ def table(cases: Sequence[Case], settings: Settings, robot: RobotParameters, res
             }
         )
     return rows
+
+
+def _failure(facts: Facts) -> str | None:
+    if all(row["finished"] for row in facts["rows"]):
+        return None
+    return "the mouse did not come out of the maze: see the column `ended` of the JSON file"
+
+
+EXPERIMENT = Experiment(
+    name="maze",
+    title="Maze (N 6.2.4)",
+    help="""A path of 5 m through a maze, without the spine and with all of its functions (N 6.1.6, 6.2.4).
+
+    Exit status 1 if the mouse did not come out.
+
+    \b
+    nermo experiment maze
+    nermo experiment maze --quick --json maze.json
+    """,
+    columns=(
+        *("spine", "time_s", "thesis_time_s", "speed_m_s", "thesis_speed_m_s", "pitch_sd_deg", "roll_sd_deg"),
+        "finished",
+    ),
+    cases=cases,
+    run=run,
+    table=table,
+    tail="rigid",
+    failure=_failure,
+)

@@ -13,7 +13,7 @@ from nermo_control.pantograph_controller import LocusShape, PantographController
 from nermo_control.types import ControlCommand, Posture
 from nermo_description.model import build_model
 from nermo_description.pantograph import PantographParameters
-from nermo_description.robots import load_any_robot
+from nermo_description.robots import load_of_family
 from nermo_sim.experiments.runs import Job
 from nermo_sim.loads import TrueLoads
 from nermo_sim.loop import Loop, constant
@@ -53,16 +53,10 @@ STAND = 0.3
 """Before the walk [s]."""
 
 
-def has_pantograph_legs(robot: str) -> bool:
-    """Whether a robot, by name or file, has pantograph legs. Raises ParameterError."""
-    return isinstance(load_any_robot(robot), PantographParameters)
-
-
 @functools.lru_cache(maxsize=2)
 def compiled(robot: str) -> tuple[PantographParameters, mujoco.MjModel]:
     """A robot with pantograph legs and its model on level ground, built once a process."""
-    parameters = load_any_robot(robot)
-    assert isinstance(parameters, PantographParameters)
+    parameters = load_of_family(PantographParameters, robot)
     return parameters, build_model(parameters)
 
 

@@ -16,6 +16,7 @@ from nermo_control.oscillators.legs import Coordination
 from nermo_control.types import ControlCommand, Posture, TrajectoryMode
 from nermo_description.parameters import RobotParameters
 from nermo_sim.experiments import coordination
+from nermo_sim.experiments.experiment import Experiment, Facts, Figures
 from nermo_sim.experiments.runs import FALLEN, SETTLE, Job, Result, Settings, full_speed, standing_loop
 from nermo_sim.loop import constant
 
@@ -101,3 +102,30 @@ def table(cases: Sequence[Case], settings: Settings, robot: RobotParameters, res
             }
         )
     return rows
+
+
+def _figures(facts: Facts) -> Figures:
+    from nermo_sim.report import modulation
+
+    return [("pushes", "Survived, and recovered when", modulation.pushes(facts))]
+
+
+EXPERIMENT = Experiment(
+    name="push",
+    title="Pushes aside",
+    help="""
+    How hard a push aside the timed trot and Tegotae take, and how soon they have recovered (C 3.3 on the mouse).
+
+    A fall is a result (`survived`), not a failure.
+
+    \b
+    nermo experiment push
+    nermo experiment push --quick --json push.json
+    """,
+    columns=("coordination", "loads", "push_n", "runs", "survived", "recovered", "recovery_s", "largest_roll_deg"),
+    cases=cases,
+    run=run,
+    table=table,
+    figures=_figures,
+    tables=lambda facts: [("Pushes", facts["rows"])],
+)

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from nermo_control.controller import Controller
-from nermo_control.gait.knowledge_base import GaitParameters, gait_speed
+from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.types import ControlCommand, Posture
 from nermo_description.parameters import RobotParameters, TailModel
 from nermo_description.robots import AnyRobot, ParameterError, load_any_robot
@@ -75,8 +75,13 @@ class Settings:
         """The same, where it must be a mouse. Raises ParameterError."""
         robot = self.parameters
         if not isinstance(robot, RobotParameters):
-            raise ParameterError(f"robot {self.robot!r} has pantograph legs; here a mouse is needed")
+            raise ParameterError(f"robot {self.robot!r} is of the family {robot.family}; needed here is mouse")
         return robot
+
+    @property
+    def family(self) -> str:
+        """Family of the robot. Raises ParameterError."""
+        return self.parameters.family
 
     def digest(self, experiment: str) -> str:
         """Digest of all that the results depend on. The number of repeats is not part of it."""
@@ -153,9 +158,7 @@ def standing_loop(job: Job[Any], scene: str = "flat") -> tuple[Loop, DisturbedRu
 
 def full_speed(settings: Settings, gait: str, frequency: float) -> float:
     """No-slip speed [m/s] with the longest stride (5.21), which the high-level controller asks for (N A.4.2)."""
-    parameters = settings.gait_parameters
-    longest = min(parameters.front.max_stride_length, parameters.rear.max_stride_length)
-    return gait_speed(frequency, longest, parameters.gaits[gait].gait_factor)
+    return settings.gait_parameters.fastest(gait, frequency)
 
 
 def mean(runs: Iterable[Result], name: str) -> float:

@@ -13,13 +13,14 @@ from typing import Any, Literal
 import numpy as np
 
 from nermo_description.pantograph import PantographParameters
-from nermo_description.results import CommandError
-from nermo_description.robots import load_any_robot
+from nermo_description.robots import load_of_family
+from nermo_sim.console import print_facts
+from nermo_sim.experiments.experiment import Experiment, Facts, Figures, Finished
 from nermo_sim.experiments.runs import Job, Result, Settings
-from nermo_sim.leg_dynamics.bench import (
+from nermo_sim.leg_dynamics.fixed_base import (
     Integrator,
     Kind,
-    build_bench,
+    build_fixed_base,
     largest_stable_step,
     step_cost,
     stiffened,
@@ -85,7 +86,7 @@ def cases(quick: bool) -> list[Case]:
 
 def run(job: Job[Case]) -> Result:
     """One search, or one trot."""
-    case, robot = job.case, pantograph_robot(job.settings.robot)
+    case, robot = job.case, load_of_family(PantographParameters, job.settings.robot)
     if case.what == "transport":
         return cost_of_transport(robot, case.model)
     changed = stiffened(robot, case.ratio)
@@ -96,14 +97,6 @@ def run(job: Job[Case]) -> Result:
     )
     cost = None if step is None else step_cost(changed, case.model, case.integrator, 0.5 * step)
     return {"largest_step_s": step, "step_cost_s": cost}
-
-
-def pantograph_robot(name: str) -> PantographParameters:
-    """A robot with pantograph legs. Raises CommandError (status 2) for any other, and ParameterError."""
-    robot = load_any_robot(name)
-    if not isinstance(robot, PantographParameters):
-        raise CommandError(f"robot {name!r} has no pantograph legs: choose cheetah_cub", status=2)
-    return robot
 
 
 def table(cases: Sequence[Case], settings: Settings, robot: PantographParameters, results: list[list[Result]]) -> Any:
@@ -132,20 +125,19 @@ def table(cases: Sequence[Case], settings: Settings, robot: PantographParameters
 
 def coordinates(robot: PantographParameters, model: Kind) -> dict[str, int | None]:
     """Of the whole robot without its servos: in our model, and in free bodies held together by constraints alone."""
-    bench = build_bench(robot, model, legs=4)
-    bodies = bench.model.nbody  # the world is counted in the place of the trunk
+    base = build_fixed_base(robot, model, legs=4)
+    bodies = base.model.nbody  # the world is counted in the place of the trunk
     inner = 4 if model == "massless_friction" else 0  # the folds of the knees, which are states of first order
     return {
-        "coordinates": 6 + bench.model.nv + inner,
+        "coordinates": 6 + base.model.nv + inner,
         "maximal_coordinates": 6 * bodies if model == "constraints" else None,
     }
 
 
-def further(
-    cases: Sequence[Case], settings: Settings, robot: PantographParameters, results: list[list[Result]]
-) -> dict[str, Any]:
+def further(done: Finished[Case]) -> Facts:
     """`leg_force`: the look-up table and its largest stiffness; `transport`: one row a model."""
-    found = look_up_table(robot.leg, 25 if settings.quick else 61)
+    robot = load_of_family(PantographParameters, done.settings.robot)
+    found = look_up_table(robot.leg, 25 if done.settings.quick else 61)
     pressed = np.minimum(found.force[1:], found.force[:-1]) > 0.0
     stiffness = np.where(pressed, found.stiffness, -np.inf)
     row, column = np.unravel_index(int(stiffness.argmax()), stiffness.shape)
@@ -166,7 +158,52 @@ def further(
         },
         "transport": [
             {"model": case.model, **result}
-            for case, (result, *_) in zip(cases, results, strict=True)
+            for case, (result, *_) in zip(done.cases, done.results, strict=True)
             if case.what == "transport"
         ],
     }
+
+
+def _notes(facts: Facts) -> None:
+    print_facts("leg force", {name: value for name, value in facts["leg_force"].items() if isinstance(value, float)})
+    if facts["transport"]:
+        print_facts("cost of transport", {row["model"]: row for row in facts["transport"]})
+
+
+def _figures(facts: Facts) -> Figures:
+    from nermo_sim.report import legs
+
+    return [
+        ("steps", "Largest stable step and its cost (C figures 2.5, 2.6, 2.10)", legs.largest_steps(facts)),
+        ("leg_force", "Force of the leg (C figure 2.9)", legs.leg_force(facts)),
+        ("energy", "Cost of transport", legs.energy(facts)),
+    ]
+
+
+EXPERIMENT = Experiment(
+    name="stability",
+    title="The dynamics of the pantograph leg three ways",
+    help="""The pantograph leg's dynamics three ways: largest stable step, its cost, cost of transport (C chapter 2).
+
+    The times are measured: run it with one worker on a quiet machine for figures to compare.
+
+    \b
+    nermo experiment stability --workers 1
+    nermo experiment stability --quick --json stability.json
+    """,
+    columns=(
+        *("model", "integrator", "stiffness_ratio", "toe_friction_ratio", "largest_step_s", "thesis_step_s"),
+        *("step_cost_s", "thesis_cost_s", "coordinates", "maximal_coordinates", "thesis_coordinates"),
+    ),
+    cases=cases,
+    run=run,
+    table=table,
+    families=("pantograph",),
+    robot="cheetah_cub",
+    repeats=None,
+    further=further,
+    notes=_notes,
+    source="C chapter 2",
+    figures=_figures,
+    tables=lambda facts: [("Steps", facts["rows"]), ("Cost of transport", facts["transport"])],
+)

@@ -6,6 +6,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from nermo_control.spine.kinematics import SpineKinematics
 from nermo_control.spine.stride import StrideExtension
 from nermo_control.types import ControlCommand, SpineModes, TrajectoryMode
 from nermo_description.parameters import RobotParameters
+from nermo_sim.console import print_rows
+from nermo_sim.experiments.experiment import Experiment, Facts, Outcome
 from nermo_sim.experiments.losses import stride_losses
 from nermo_sim.experiments.orientation import mean_cycles, orientation_noise
 from nermo_sim.experiments.runs import FALLEN, Job, Result, Settings, mean, spread, standing_loop
@@ -180,3 +183,63 @@ def _row(case: Case, settings: Settings, robot: RobotParameters, runs: list[Resu
         "early_touch_down": mean(runs, "early_touch_down") if losses else None,
         "cycles": next((one["cycles"] for one in runs if "cycles" in one), None),
     }
+
+
+def _pictures(done: Outcome) -> list[Path]:
+    """The table's speeds and one trot as pictures, and that trot as a video."""
+    from nermo_sim.plots import plot_run, plot_speeds
+    from nermo_sim.render import film
+
+    done.folder.mkdir(parents=True, exist_ok=True)
+    pictures = [done.folder / "speed.png", done.folder / "trot.png"]
+    plot_speeds(done.facts["rows"], pictures[0])
+    case = Case("trot", 0.8, STRIDE)
+    recording, twin = walk(Job(case, 0, done.settings))
+    plot_run(recording, pictures[1], case.key)
+    if done.video:
+        pictures += film(done.folder / "trot.mp4", twin.model, recording.part(0.0, 10.0))
+    return pictures
+
+
+_SPRINGS = tuple(
+    f"{place}_{joint}_yield_{kind}_deg"
+    for joint in ("knee", "ankle")
+    for place in ("front", "rear")
+    for kind in ("mean", "p95")
+)
+_CASE = ("gait", "frequency_hz", "stride_m", "spine", "offset_compensation")
+
+
+def _notes(facts: Facts) -> None:
+    print_rows("deflection of the springs in loaded stance", facts["rows"], (*_CASE, *_SPRINGS))
+
+
+def _failure(facts: Facts) -> str | None:
+    return "the mouse fell: see the column `fell`" if any(row["fell"] for row in facts["rows"]) else None
+
+
+EXPERIMENT = Experiment(
+    name="straight-line",
+    title="Straight line (N 6.2.1)",
+    help="""Speed and orientation noise by gait, frequency, stride length and spine (N 6.1.3, 6.2.1).
+
+    A run that was stopped goes on where it was. Exit status 1 if the mouse fell.
+
+    \b
+    nermo experiment straight-line
+    nermo experiment straight-line --quick --json straight.json
+    nermo experiment straight-line --robot nermo --seed 7 --out /tmp/nermo
+    """,
+    columns=(
+        *(*_CASE, "speed_m_s", "speed_sd_m_s"),
+        *("thesis_m_s", "theory_m_s", "roll_sd_deg", "pitch_sd_deg", "yaw_sd_deg", "fell"),
+    ),
+    cases=cases,
+    run=run,
+    table=table,
+    tail="rigid",
+    video="the trot at 0.8 Hz",
+    notes=_notes,
+    pictures=_pictures,
+    failure=_failure,
+)

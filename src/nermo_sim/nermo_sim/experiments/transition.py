@@ -20,6 +20,7 @@ from nermo_control.types import ControlCommand, Posture
 from nermo_description.parameters import RobotParameters
 from nermo_sim.disturbance import DisturbedRun
 from nermo_sim.experiments import coordination, pantograph
+from nermo_sim.experiments.experiment import Experiment, Facts, Figures, Finished
 from nermo_sim.experiments.footfalls import name_gait, touch_down_lags, touch_downs
 from nermo_sim.experiments.runs import FALLEN, SETTLE, Job, Result, Settings, standing_loop
 from nermo_sim.loop import constant
@@ -89,7 +90,7 @@ def cases(quick: bool) -> list[Case]:
 
 def run(job: Job[Case]) -> Result:
     """The whole sweep, or until the robot falls."""
-    if pantograph.has_pantograph_legs(job.settings.robot):
+    if job.settings.family == "pantograph":
         return _sweep_pantograph(job)
     loop, disturbed = standing_loop(job)
     case = coordination.Case("tegotae", "true", job.case.compensation)
@@ -196,3 +197,39 @@ def series(cases: Sequence[Case], results: list[list[Result]]) -> list[dict[str,
         for repeat, one in enumerate(runs)
         if "series" in one
     ]
+
+
+def _further(done: Finished[Case]) -> Facts:
+    return {"series": series(done.cases, done.results)}
+
+
+def _figures(facts: Facts) -> Figures:
+    from nermo_sim.report import modulation
+
+    return [("gaits", "Lags of the footfalls, and phases (C figure 3.7)", modulation.transitions(facts))]
+
+
+EXPERIMENT = Experiment(
+    name="transition",
+    title="Gaits as the excitation of the Tegotae rule rises",
+    help="""
+    Which gait emerges as the excitation of the Tegotae rule is stepped up (C 3.3.2.3), named from the footfalls.
+
+    \b
+    nermo experiment transition
+    nermo experiment transition --robot cheetah_cub --repeats 1
+    nermo experiment transition --quick --json transition.json
+    """,
+    columns=(
+        *("compensation", "running_start", "repeat", "omega_rad_s", "excitation_hz", "stride_hz", "gait", "lags"),
+        "speed_m_s",
+    ),
+    cases=cases,
+    run=run,
+    table=table,
+    families=("mouse", "pantograph"),
+    further=_further,
+    source="C 3.3.2.3",
+    figures=_figures,
+    tables=lambda facts: [("Gaits", facts["rows"])],
+)

@@ -14,6 +14,7 @@ from nermo_control.high_level_controller import HighLevelController, HighLevelCo
 from nermo_control.path import Path, PathStatus
 from nermo_control.types import ControlCommand, TrajectoryMode, TurningStrategy
 from nermo_description.parameters import RobotParameters
+from nermo_sim.experiments.experiment import Experiment
 from nermo_sim.experiments.runs import FALLEN, Job, Result, Settings, full_speed, mean, spread, standing_loop
 from nermo_sim.experiments.straight_line import FREQUENCIES, GAITS
 from nermo_sim.loop import constant
@@ -203,3 +204,25 @@ def _row(case: Case, settings: Settings, robot: RobotParameters, runs: list[Resu
         "ended": sorted({one["ended"] for one in runs}),
         "fell": any(one["fell"] for one in runs),
     }
+
+
+EXPERIMENT = Experiment(
+    name="turning",
+    title="Turning (N 6.2.2)",
+    help="""Time on arcs of 1.0 and 0.5 m, and the smallest radius, by gait, frequency and strategy (N 6.1.4, 6.2.2).
+
+    An arc that cannot be followed is a result (`followed`), not a failure.
+
+    \b
+    nermo experiment turning
+    nermo experiment turning --quick --json turning.json
+    """,
+    columns=(
+        *("gait", "frequency_hz", "strategy", "path_radius_m", "time_s", "thesis_s", "radius_m", "thesis_radius_m"),
+        *("theory_radius_m", "followed"),
+    ),
+    cases=cases,
+    run=run,
+    table=table,
+    tail="rigid",
+)

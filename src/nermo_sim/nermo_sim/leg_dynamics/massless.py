@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
-from nermo_control.legs.aslp_symbolic import massless_functions, minimal_functions
 from nermo_control.pantograph_controller import aslp_leg
 from nermo_description.blocks.common import write_inertia
 from nermo_description.pantograph import PantographLeg, PantographParameters
@@ -100,6 +99,8 @@ class Equilibrium:
 
     def __init__(self, leg: PantographLeg) -> None:
         self.leg, self.kinematics = leg, aslp_leg(leg)
+        from nermo_control.legs.aslp_symbolic import massless_functions, minimal_functions  # sympy is slow to load
+
         self.functions, self._minimal = massless_functions(leg), minimal_functions(leg)
         self._arm = leg.upper_length + leg.lower_length - leg.spacing
         self._longest = self.kinematics.longest

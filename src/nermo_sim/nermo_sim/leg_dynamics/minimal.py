@@ -12,7 +12,6 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from nermo_control.legs.aslp_symbolic import minimal_functions
 from nermo_description.blocks.common import write_inertia
 from nermo_description.blocks.pantograph import MAX_KNEE, STOP_IMPEDANCE, STRUT_SIDE
 from nermo_description.pantograph import PantographLeg, PantographParameters
@@ -57,6 +56,9 @@ class MinimalLegs:
     """Springs and friction of some legs of a model, as generalised forces."""
 
     def __init__(self, model: mujoco.MjModel, leg: PantographLeg, prefixes: Sequence[str]) -> None:
+        # Here, because sympy takes two seconds to load, and `nermo experiment` loads every experiment.
+        from nermo_control.legs.aslp_symbolic import minimal_functions
+
         self._functions = minimal_functions(leg)
         names = [[f"{prefix}{name}_joint" for name in ("knee", "ankle", "toe")] for prefix in prefixes]
         joints = [[model.joint(name) for name in leg_names] for leg_names in names]

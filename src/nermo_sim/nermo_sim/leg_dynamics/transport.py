@@ -19,7 +19,7 @@ from nermo_description.model import SCENES, build_robot
 from nermo_description.pantograph import PantographParameters
 from nermo_description.pantograph_model import set_leg
 from nermo_description.parameters import LEGS
-from nermo_sim.leg_dynamics.bench import Forces, Kind, NoForces
+from nermo_sim.leg_dynamics.fixed_base import Forces, Kind, NoForces
 from nermo_sim.leg_dynamics.massless import FollowingLegs, make_massless
 from nermo_sim.leg_dynamics.minimal import MinimalLegs, make_minimal, set_minimal_leg
 

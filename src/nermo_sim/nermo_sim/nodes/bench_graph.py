@@ -21,7 +21,7 @@ from rclpy.qos import QoSProfile
 from nermo_description.results import CommandError
 from nermo_interfaces.msg import ControlCommand, MotionCommand, ServoCommand, ServoStates
 from nermo_node import qos
-from nermo_node.loopback import loopback
+from nermo_node.network import loopback
 from nermo_node.run import EventsExecutor
 
 NODES = {

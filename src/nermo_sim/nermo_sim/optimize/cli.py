@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from nermo_description.results import CommandError, write_results
-from nermo_sim.cli import RESULTS, Json, Quick, Seed, check_robot
-from nermo_sim.console import console, print_facts, print_rows, progress
 from nermo_sim.optimize.limit_cycle_command import LIMIT_CYCLE, search_limit_cycle
+from nermo_sim.options import RESULTS, Json, Quick, Seed, check_robot
 
 optimize_app = typer.Typer(
     rich_markup_mode=None, add_completion=False, help="Search gait and leg parameters on the twin for a stated cost."
 )
-_COLUMNS = ("set", "speed_m_s", "roll_sd_deg", "pitch_sd_deg", "cost_of_transport", "fell")
-_METRICS = _COLUMNS[1:]
 
 
 @optimize_app.command()
@@ -67,112 +62,28 @@ def optimize(
     nermo optimize --quick --executor dask://local
     nermo optimize --cost limit-cycle --generations 40      (C 3.2.4: staged fitness, particle swarm)
     """
-    from nermo_control.gait.knowledge_base import (
-        GaitKnowledgeBase,
-        GaitParameters,
-        default_sets_folder,
-        frequency_error,
-    )
-    from nermo_sim.batch import processors
-    from nermo_sim.experiments.result_log import ResultLog
-    from nermo_sim.optimize.costs import Objective, weights_of
-    from nermo_sim.optimize.evaluator import Evaluator, open_executor
-    from nermo_sim.optimize.figure import draw_front
-    from nermo_sim.optimize.rollout import Walk
-    from nermo_sim.optimize.search import QUICK, Budget, Search, gain, scaling
-    from nermo_sim.optimize.space import Space
+    from nermo_sim.optimize.gait_command import GaitSearch, search_gait
 
     if cost == LIMIT_CYCLE:
         search_limit_cycle(robot or "cheetah_cub", seed, quick, generations, executor, workers, out, json, video)
         return
     robot = robot or "nermo_lite"
     check_robot(robot)
-    base, objective = GaitParameters(), Objective(weights_of(cost, weights), least_speed)  # type: ignore[arg-type]
-    if gait not in base.gaits:
-        raise CommandError(f"--gait {gait!r} is unknown: choose among {', '.join(base.gaits)}", status=2)
-    if (error := frequency_error(frequency)) is not None:
-        raise CommandError(f"--frequency: {error}", status=2)
-    sets = GaitKnowledgeBase(sets_folder or default_sets_folder())
-    own_name = name or f"optimized_{cost}"
-    _check_name(sets, own_name, new=bool(name))
-
-    walk = Walk(robot, gait, frequency, spine)
-    budget = QUICK if quick else Budget()
-    budget = budget if generations is None else replace(budget, generations=generations)
-    folder = out / "optimize"
-    log = ResultLog(folder / "rollouts.jsonl", walk.digest())
-    count = workers or processors()
-    space = Space(base, gait, spine)
-    console.print(
-        f"{len(space)} parameters, up to {budget.rollouts} rollouts, {count} workers, seed {seed}; in {folder}"
+    wanted = GaitSearch(
+        cost=cost,
+        weights=weights,
+        least_speed=least_speed,
+        robot=robot,
+        gait=gait,
+        frequency=frequency,
+        spine=spine,
+        name=name,
+        sets_folder=sets_folder,
+        generations=generations,
+        seed=seed,
+        quick=quick,
+        executor=executor,
+        workers=workers,
+        out=out,
     )
-    with progress("rollouts") as report, open_executor(executor, count) as pool:
-        done = 0
-
-        def advance() -> None:
-            nonlocal done
-            done += 1
-            report(done, max(done, budget.rollouts))
-
-        evaluator = Evaluator(pool, log, walk, advance)
-        found = Search(space, base, evaluator, objective, seed).run(budget)
-
-    saved = GaitKnowledgeBase(sets_folder or default_sets_folder(), found.best.parameters).save(
-        own_name, overwrite=True
-    )
-
-    def row(title: str, candidate: Any) -> dict[str, Any]:
-        return {
-            "set": title,
-            **{metric: candidate.metrics[metric] for metric in _METRICS},
-            "cost": objective(candidate.metrics, found.baseline.metrics),
-            "parameters": space.values(candidate.parameters),
-        }
-
-    baseline, best = row("thesis", found.baseline), row(own_name, found.best)
-    front = [row(f"front {number + 1}", one) for number, one in enumerate(found.front)]
-    picture = draw_front(folder / f"front_{cost}.png", front, baseline, best)
-    speeds = [] if quick else scaling(walk, base)
-    print_rows(f"{gait} at {frequency} Hz, searched for {cost}", [baseline, best, *front], _COLUMNS)
-    unseen = [{**facts, "set": f"unseen, friction x {facts['ground']:g}"} for facts in found.unseen]
-    for facts in unseen:
-        print_facts(facts["set"], {"baseline": facts["baseline"], "best": facts["best"], "gain": facts["gain"]})
-    print_facts("parameters", {"thesis": baseline["parameters"], own_name: best["parameters"]})
-    rollouts = evaluator.rollouts
-    per_second = rollouts.run_now / rollouts.seconds if rollouts.run_now else None
-    console.print(f"{rollouts.count} rollouts, {rollouts.run_now} of them now; saved as {own_name}: {saved}")
-    if json is not None:
-        facts = {
-            "cost": cost,
-            "weights": objective.weights,
-            "least_speed": least_speed,
-            "gait": gait,
-            "frequency_hz": frequency,
-            "spine": spine,
-            "best": {**best, "gain": gain(found.best.metrics, found.baseline.metrics), "name": own_name, "file": saved},
-            "front": front,
-            "baseline": baseline,
-            "unseen": {"rows": unseen, "gain": unseen[-1]["gain"], "cost": unseen[-1]["cost"]},
-            "rollouts": rollouts.count,
-            "rollouts_now": rollouts.run_now,
-            "rollouts_per_s": per_second,
-            "executor": executor,
-            "workers": count,
-            "scaling": speeds,
-            "candidates": found.tried,
-            "history": found.history,
-            "pictures": [picture],
-        }
-        write_results(json, "optimize", facts, robot=robot, seed=seed)
-
-
-def _check_name(sets: Any, name: str, *, new: bool) -> None:
-    """Refuses a bad name, and one that somebody chose and that is taken, before any work is done."""
-    from nermo_description.parameter_files import ParameterError
-
-    try:
-        sets.check_name(name)
-    except ParameterError as error:
-        raise CommandError(str(error), status=2) from error
-    if new and name in sets.names():
-        raise CommandError(f"--name: the set {name!r} exists already; take another name", status=2)
+    search_gait(wanted, json)

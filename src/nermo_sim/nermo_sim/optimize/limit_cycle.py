@@ -23,7 +23,7 @@ from nermo_control.pantograph_controller import LocusShape, PantographController
 from nermo_control.types import ControlCommand, Posture
 from nermo_description.model import build_model
 from nermo_description.pantograph import PantographParameters
-from nermo_description.robots import load_any_robot
+from nermo_description.robots import load_of_family
 from nermo_sim.disturbance import Disturbance, DisturbedRun
 from nermo_sim.divergence import SimulationDivergedError
 from nermo_sim.experiments.losses import foot_motion
@@ -74,7 +74,7 @@ class Trot:
 
     def digest(self) -> str:
         """Of all that a rollout depends on, but for its parameters and its trial."""
-        robot = load_any_robot(self.robot).model_dump(mode="json")
+        robot = load_of_family(PantographParameters, self.robot).model_dump(mode="json")
         return fingerprint({**asdict(self), "robot": robot, "mujoco": mujoco.__version__})
 
 
@@ -270,6 +270,5 @@ def _mean(runs: Sequence[dict[str, Any]]) -> dict[str, float]:
 
 @functools.lru_cache(maxsize=2)
 def _compiled(robot: str) -> tuple[PantographParameters, mujoco.MjModel]:
-    parameters = load_any_robot(robot)
-    assert isinstance(parameters, PantographParameters)
+    parameters = load_of_family(PantographParameters, robot)
     return parameters, build_model(parameters)

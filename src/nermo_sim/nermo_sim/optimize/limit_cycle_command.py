@@ -9,7 +9,9 @@ from matplotlib.figure import Figure
 
 from nermo_description.parameter_files import write_yaml
 from nermo_description.results import CommandError, write_results
-from nermo_sim.console import console, print_facts, print_rows, progress
+from nermo_sim.console import console, counting, print_facts, print_rows
+from nermo_sim.options import check_robot
+from nermo_sim.render import film
 
 LIMIT_CYCLE = "limit-cycle"
 PARTICLES, ITERATIONS = 24, 100
@@ -34,13 +36,11 @@ def search_limit_cycle(
     Raises CommandError, with status 2 for a robot without pantograph legs.
     """
     from nermo_sim.batch import processors
-    from nermo_sim.cli import film
     from nermo_sim.experiments.result_log import ResultLog, seed_for
-    from nermo_sim.experiments.stability import pantograph_robot
     from nermo_sim.optimize.evaluator import open_executor
     from nermo_sim.optimize.limit_cycle import BOUNDS, Rollout, Swarm, Trot, default_values, gait_of, walk
 
-    pantograph_robot(robot)
+    check_robot(robot, ("pantograph",))
     particles, rounds = QUICK if quick else (PARTICLES, ITERATIONS)
     rounds = rounds if iterations is None else iterations
     trot, folder, count = Trot(robot), out / "optimize", workers or processors()
@@ -50,15 +50,8 @@ def search_limit_cycle(
         f"{len(BOUNDS)} parameters, {particles} particles, {rounds} iterations, "
         f"{count} workers, seed {seed}; in {folder}"
     )
-    with progress("rollouts") as report, open_executor(executor, count) as pool:
-        done = 0
-
-        def advance() -> None:
-            nonlocal done
-            done += 1
-            report(done, max(done, expected))
-
-        found = Swarm(pool, log, trot, seed, advance).search(particles, rounds, UNSEEN_TRIALS)
+    with counting("rollouts", expected) as counter, open_executor(executor, count) as pool:
+        found = Swarm(pool, log, trot, seed, counter.advance).search(particles, rounds, UNSEEN_TRIALS)
     gait, frequency, length = gait_of(found.best)
     saved = folder / "limit_cycle.yaml"
     write_yaml({"gait": gait.model_dump(mode="json"), "frequency_hz": frequency, "step_length_m": length}, saved)

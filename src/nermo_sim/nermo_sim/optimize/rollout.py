@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from nermo_control.controller import Controller
-from nermo_control.gait.knowledge_base import GaitParameters, gait_speed
+from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.types import ControlCommand, Posture, SpineModes, TrajectoryMode
 from nermo_description.parameters import RobotParameters
 from nermo_description.robots import load_robot
@@ -128,10 +128,9 @@ FAILED: Metrics = {"speed_m_s": 0.0, "roll_sd_deg": 90.0, "pitch_sd_deg": 90.0, 
 
 
 def _command(walk: Walk, parameters: GaitParameters) -> ControlCommand:
-    stride = min(parameters.front.max_stride_length, parameters.rear.max_stride_length)
     return ControlCommand(
         0,
-        forward_velocity=gait_speed(walk.frequency_hz, stride, parameters.gaits[walk.gait].gait_factor),
+        forward_velocity=parameters.fastest(walk.gait, walk.frequency_hz),
         trajectory_mode=TrajectoryMode.STRAIGHT_LINE,
         gait=walk.gait,
         gait_frequency=walk.frequency_hz,

@@ -1,1 +1,1 @@
-"""The report of all experiments: one HTML file with figures and tables."""
+"""Pages of one HTML file that needs nothing beside it, and the figures of the single experiments."""

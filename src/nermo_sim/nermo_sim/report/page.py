@@ -1,7 +1,9 @@
-"""Writes the page of one experiment: figures and tables in one HTML file, and each figure as a picture beside it."""
+"""Writes pages: figures and tables in one HTML file, and each figure as a picture beside it."""
 
 from __future__ import annotations
 
+import io
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,8 +13,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from matplotlib.figure import Figure
 
 from nermo_description.results import CommandError
-from nermo_sim.report.figures import svg
-from nermo_sim.report.html import cell
 
 
 def write_page(
@@ -26,25 +26,57 @@ def write_page(
 
     Raises CommandError where they cannot be written.
     """
-    environment = Environment(
-        loader=PackageLoader("nermo_sim", "report"), undefined=StrictUndefined, autoescape=select_autoescape()
-    )
-    environment.filters["cell"] = cell
     drawn = [(name, heading, figure) for name, heading, figure in figures if figure is not None]
-    text = environment.get_template("page.html.j2").render(
+    page = write_html(
+        folder / "report.html",
+        "page.html.j2",
         title=title,
         about=about,
         figures=[(heading, svg(figure)) for _, heading, figure in drawn],
         tables=[(heading, list(dict.fromkeys(key for row in rows for key in row)), rows) for heading, rows in tables],
     )
-    page = folder / "report.html"
-    partial = folder / f".report.html.{os.getpid()}"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         for name, _, figure in drawn:
             figure.savefig(folder / f"{name}.png", dpi=120)
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(page)
     except OSError as error:
-        raise CommandError(f"{page} cannot be written: {error.strerror}.") from error
+        raise CommandError(f"{folder} cannot be written: {error.strerror}.") from error
     return [page, *(folder / f"{name}.png" for name, _, _ in drawn)]
+
+
+def write_html(path: Path, template: str, **values: Any) -> Path:
+    """Writes a page from a template of this folder, whole or not at all; returns its path.
+
+    Raises CommandError where it cannot be written.
+    """
+    environment = Environment(
+        loader=PackageLoader("nermo_sim", "report"), undefined=StrictUndefined, autoescape=select_autoescape()
+    )
+    environment.filters["cell"] = cell
+    text = environment.get_template(template).render(**values)
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
+    except OSError as error:
+        raise CommandError(f"{path} cannot be written: {error.strerror}.") from error
+    return path
+
+
+def svg(figure: Figure) -> str:
+    """A figure as an SVG element, without the XML head."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]
+
+
+def cell(value: Any) -> str:
+    """A value as a table shows it."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(cell, value))
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

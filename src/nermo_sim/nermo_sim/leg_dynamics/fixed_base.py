@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_control.legs.aslp import AslpPose
-from nermo_control.legs.aslp_symbolic import minimal_functions
 from nermo_control.pantograph_controller import aslp_leg
 from nermo_description.blocks.pantograph import build_pantograph_leg
 from nermo_description.pantograph import PantographLeg, PantographParameters
@@ -57,7 +56,7 @@ class NoForces:
 
 
 @dataclass(slots=True)
-class Bench:
+class FixedBase:
     """Legs on a fixed base."""
 
     kind: Kind
@@ -87,7 +86,7 @@ def stiffened(robot: PantographParameters, ratio: float) -> PantographParameters
     return robot.model_copy(update={"leg": changed})
 
 
-def build_bench(robot: PantographParameters, kind: Kind, legs: int = 1) -> Bench:
+def build_fixed_base(robot: PantographParameters, kind: Kind, legs: int = 1) -> FixedBase:
     """Legs of a kind, ready to be let go. On a fixed base they do not know of each other."""
     spec, prefixes = mujoco.MjSpec(), [f"{number}_" for number in range(legs)]
     spec.compiler.autolimits = False
@@ -116,11 +115,11 @@ def build_bench(robot: PantographParameters, kind: Kind, legs: int = 1) -> Bench
     model = spec.compile()
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     data = mujoco.MjData(model)
-    bench = Bench(kind, model, data, _forces(model, robot.leg, kind, prefixes), _start_energy(robot.leg))
+    base = FixedBase(kind, model, data, _forces(model, robot.leg, kind, prefixes), _start_energy(robot.leg))
     for prefix in prefixes:
-        _let_go(bench, robot.leg, prefix)
+        _let_go(base, robot.leg, prefix)
     mujoco.mj_forward(model, data)
-    return bench
+    return base
 
 
 def _arm(leg: PantographLeg) -> float:
@@ -139,21 +138,21 @@ def _forces(model: mujoco.MjModel, leg: PantographLeg, kind: Kind, prefixes: lis
             return FollowingLegs(model, leg, prefixes)
 
 
-def _let_go(bench: Bench, leg: PantographLeg, prefix: str) -> None:
+def _let_go(base: FixedBase, leg: PantographLeg, prefix: str) -> None:
     hip, knee = leg_start(leg)
-    match bench.kind:
+    match base.kind:
         case "constraints":
-            set_leg(bench.data, prefix.removesuffix("_"), leg, hip, knee)
+            set_leg(base.data, prefix.removesuffix("_"), leg, hip, knee)
         case "minimal":
-            set_minimal_leg(bench.data, prefix, hip, knee, 0.0, leg.toe_rest)
+            set_minimal_leg(base.data, prefix, hip, knee, 0.0, leg.toe_rest)
         case _:
             x, z = aslp_leg(leg).forward(AslpPose(hip, knee))
             line = math.atan2(x, -z)
-            bench.data.joint(f"{prefix}hip_joint").qpos = line
-            bench.data.joint(f"{prefix}length").qpos = math.hypot(x, z)
-            bench.data.joint(f"{prefix}foot_joint").qpos = leg.toe_rest + hip - line
-            if isinstance(bench.forces, FollowingLegs):
-                bench.forces.knees = [knee] * len(bench.forces.knees)
+            base.data.joint(f"{prefix}hip_joint").qpos = line
+            base.data.joint(f"{prefix}length").qpos = math.hypot(x, z)
+            base.data.joint(f"{prefix}foot_joint").qpos = leg.toe_rest + hip - line
+            if isinstance(base.forces, FollowingLegs):
+                base.forces.knees = [knee] * len(base.forces.knees)
 
 
 def leg_start(leg: PantographLeg) -> tuple[float, float]:
@@ -163,20 +162,22 @@ def leg_start(leg: PantographLeg) -> tuple[float, float]:
 
 def _start_energy(leg: PantographLeg) -> float:
     """Roughly: in the springs, and in the raised leg."""
+    from nermo_control.legs.aslp_symbolic import minimal_functions  # sympy is slow to load
+
     energy = minimal_functions(leg).energy
     _, knee = leg_start(leg)
     sprung = energy(knee, 0.0, leg.toe_rest) - energy(leg.knee_reference, 0.0, leg.toe_rest)
     return sprung + leg.mass * 9.81 * 0.5 * aslp_leg(leg).longest * (1.0 - math.cos(HIP_START))
 
 
-def comes_to_rest(bench: Bench, step: float, integrator: Integrator, duration: float = DURATION) -> bool:
+def comes_to_rest(base: FixedBase, step: float, integrator: Integrator, duration: float = DURATION) -> bool:
     """Whether the legs, let go, are at rest in the last quarter of the time, as those of a stable simulation are."""
-    model, data = bench.model, bench.data
+    model, data = base.model, base.data
     model.opt.timestep, model.opt.integrator = step, _INTEGRATORS[integrator]
-    count, energy = math.ceil(duration / step), bench.start_energy * _legs(bench)
+    count, energy = math.ceil(duration / step), base.start_energy * _legs(base)
     try:
         for number in range(count):
-            bench.step(step, integrator)
+            base.step(step, integrator)
             kinetic = float(data.energy[1])
             if not math.isfinite(kinetic) or kinetic > 1e3 * energy or np.abs(data.qpos).max() > 1e3:
                 return False
@@ -187,8 +188,8 @@ def comes_to_rest(bench: Bench, step: float, integrator: Integrator, duration: f
     return bool(np.isfinite(data.qpos).all())
 
 
-def _legs(bench: Bench) -> int:
-    return sum(bench.model.joint(joint).name.endswith("hip_joint") for joint in range(bench.model.njnt))
+def _legs(base: FixedBase) -> int:
+    return sum(base.model.joint(joint).name.endswith("hip_joint") for joint in range(base.model.njnt))
 
 
 def largest_stable_step(
@@ -202,7 +203,7 @@ def largest_stable_step(
     """By binary search [s], with one leg; None where none is found above `smallest`."""
 
     def stable(step: float) -> bool:
-        return comes_to_rest(build_bench(robot, kind), step, integrator)
+        return comes_to_rest(build_fixed_base(robot, kind), step, integrator)
 
     if stable(largest):
         return largest
@@ -224,13 +225,13 @@ def step_cost(
     robot: PantographParameters, kind: Kind, integrator: Integrator, step: float, count: int = 300, legs: int = 4
 ) -> float:
     """Mean processor time of one step of four legs [s], while they come to rest."""
-    bench = build_bench(robot, kind, legs)
-    bench.model.opt.timestep, bench.model.opt.integrator = step, _INTEGRATORS[integrator]
+    base = build_fixed_base(robot, kind, legs)
+    base.model.opt.timestep, base.model.opt.integrator = step, _INTEGRATORS[integrator]
     for _ in range(20):
-        bench.step(step, integrator)
+        base.step(step, integrator)
     begin = time.thread_time()
     for _ in range(count):
-        bench.step(step, integrator)
+        base.step(step, integrator)
     return (time.thread_time() - begin) / count
 
 
@@ -238,9 +239,9 @@ def trajectory(
     robot: PantographParameters, kind: Kind, integrator: Integrator, step: float, duration: float, every: float = 0.005
 ) -> NDArray[np.float64]:
     """Direction of the line from hip to foot [rad] and its length [m] over time, shape (n, 2)."""
-    bench, leg = build_bench(robot, kind), aslp_leg(robot.leg)
-    bench.model.opt.timestep, bench.model.opt.integrator = step, _INTEGRATORS[integrator]
-    rows, at, hold = [], bench.data, round(every / step)
+    base, leg = build_fixed_base(robot, kind), aslp_leg(robot.leg)
+    base.model.opt.timestep, base.model.opt.integrator = step, _INTEGRATORS[integrator]
+    rows, at, hold = [], base.data, round(every / step)
     for number in range(round(duration / step)):
         if number % hold == 0:
             if kind in ("constraints", "minimal"):
@@ -249,5 +250,5 @@ def trajectory(
                 rows.append((math.atan2(x, -z), math.hypot(x, z)))
             else:
                 rows.append((float(at.joint("0_hip_joint").qpos[0]), float(at.joint("0_length").qpos[0])))
-        bench.step(step, integrator)
+        base.step(step, integrator)
     return np.array(rows)

@@ -14,7 +14,7 @@ from nermo_sensors.bench.walk import judge_walk
 from nermo_sensors.estimation.health import CELLS
 from nermo_sensors.estimation.load_filter import ESTIMATORS
 from nermo_sensors.parameters import tactile_of_robot
-from nermo_sim.bench import WALK
+from nermo_sim.bench.loop import WALK
 from nermo_sim.loads import FeltLoads
 from nermo_sim.loop import Loop, constant
 from nermo_sim.twin import Twin

@@ -1,4 +1,4 @@
-"""The demo's processes: the launched graph, and the player that commands it."""
+"""The main launch file's graph as a process of ours, quietly, and the player that commands it."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from nermo_bringup.launch.executables import find_executable
+from nermo_bringup.launch.runner import lead_own_life
 from nermo_bringup.recording.errors import RecordingError
-from nermo_bringup.recording.reader import Recording
 from nermo_description.results import CommandError
-from nermo_node.loopback import loopback
+from nermo_node.recording import Recording
 
 STARTUP_S = 60.0
 """Patience with a graph that comes up; it takes a few seconds."""
@@ -40,12 +40,15 @@ class Graph:
         """Nothing, while it runs.
 
         Raises:
-            CommandError: the graph has ended, with the last lines of its log.
+            CommandError: the graph has ended, with what it said last, and its exit status where it means something.
         """
         status = self._process.poll()
         if status is not None:
+            why = f"exit status {status}: {_tail(self._log)}"
+            said = _last_line(self._log).removeprefix("nermo: ")
             raise CommandError(
-                f"the graph ended with exit status {status}: {_tail(self._log)} (all of it: {self._log})"
+                f"the graph has ended: {said if status in (1, 2) else why} (all of it: {self._log})",
+                status=status if status in (1, 2) else 1,
             )
 
     def wait_until_alive(self, recording: Path, stepped: bool) -> None:
@@ -97,13 +100,11 @@ class Graph:
 
 
 @contextmanager
-def running_graph(arguments: Mapping[str, str], log: Path, domain: int) -> Iterator[Graph]:
-    """The main launch file's graph with these arguments, in a ROS domain of its own; nothing of it stays behind."""
-    environment = {
-        **loopback(os.environ),
-        "ROS_DOMAIN_ID": str(domain),
-        "ROS_LOG_DIR": str(log.parent / "ros_logs"),
-    }
+def running_graph(arguments: Mapping[str, str], log: Path, domain: int | None = None) -> Iterator[Graph]:
+    """The main launch file's graph with these arguments, in a ROS domain or in ours; nothing of it stays behind."""
+    environment = {**os.environ, "ROS_LOG_DIR": str(log.parent / "ros_logs")}
+    if domain is not None:
+        environment["ROS_DOMAIN_ID"] = str(domain)
     words = [f"{name}:={value}" for name, value in arguments.items()]
     with log.open("wb") as file:
         process = subprocess.Popen(
@@ -113,6 +114,7 @@ def running_graph(arguments: Mapping[str, str], log: Path, domain: int) -> Itera
             stderr=subprocess.STDOUT,
             env=environment,
             start_new_session=True,
+            preexec_fn=lead_own_life(os.getpid()),
         )
         try:
             yield Graph(process, log, environment)
@@ -139,6 +141,10 @@ def _silent(recording: Path, wanted: Sequence[str]) -> list[str]:
     except RecordingError:
         return list(wanted)
     return [name for name in wanted if not any(topic.endswith(f"/{name}") for topic in recorded.topics)]
+
+
+def _last_line(log: Path) -> str:
+    return next(iter(reversed(log.read_text(errors="replace").strip().splitlines())), "no output").strip()
 
 
 def _tail(log: Path, lines: int = 3) -> str:

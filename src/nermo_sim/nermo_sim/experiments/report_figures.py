@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -15,17 +14,10 @@ from nermo_sim.experiments.lookup import Row, pick, pick_all
 from nermo_sim.experiments.orientation import AXES
 from nermo_sim.experiments.straight_line import GAITS, STRIDE
 from nermo_sim.experiments.turning import FULL_LOCK, RADII, STRATEGIES
+from nermo_sim.plots import spreads
 
 WIDTH = 9.0
 """[in]"""
-
-
-def svg(figure: Figure) -> str:
-    """A figure as an SVG element, without the XML head."""
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]
 
 
 def speeds(facts: dict[str, Any]) -> Figure | None:
@@ -55,9 +47,7 @@ def speeds(facts: dict[str, Any]) -> Figure | None:
         chosen = sorted((row for row in chosen if row["offset_compensation"] == spine), key=lambda row: row["stride_m"])
         where = [1e3 * row["stride_m"] for row in chosen]
         label = "spine" if spine else "no spine"
-        strides.errorbar(
-            where, [r["speed_m_s"] for r in chosen], [r["speed_sd_m_s"] for r in chosen], marker="o", label=label
-        )
+        strides.errorbar(where, [r["speed_m_s"] for r in chosen], spreads(chosen), marker="o", label=label)
         strides.plot(where, [r["theory_m_s"] for r in chosen], "--", color=f"C{int(spine)}", alpha=0.5)
     strides.set(xlabel="stride [mm]", ylabel="speed [m/s]", title="Trot at 0.8 Hz (dashed: no slip)")
     _finish(bars, strides)
@@ -242,7 +232,8 @@ def _bars(
     for number, (label, rows) in enumerate(groups.items()):
         where = [place + (number - 0.5 * (len(groups) - 1)) * width for place, row in enumerate(rows) if row]
         kept = [row for row in rows if row]
-        errors = None if spread is None else np.nan_to_num([row[spread] for row in kept])
+        single = all(row.get("repeats", 2) < 2 for row in kept)
+        errors = None if spread is None or single else np.nan_to_num([row[spread] for row in kept])
         heights = np.nan_to_num(np.array([row[quantity] for row in kept], dtype=np.float64))
         axes.bar(where, heights, 0.9 * width, yerr=errors, label=label)
     axes.set_xticks(range(len(names)), names)

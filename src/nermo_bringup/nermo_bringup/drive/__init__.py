@@ -1,0 +1,1 @@
+"""`nermo drive`: the twin and the keys in one terminal."""

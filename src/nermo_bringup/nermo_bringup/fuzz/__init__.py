@@ -1,0 +1,1 @@
+"""Messages that nobody should send, thrown at every subscription of every node."""

@@ -1,0 +1,63 @@
+"""The door of a node: what it subscribes, and why it does not take what it gets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+
+from nermo_description.ranges import CHECKS, message_error
+
+LARGEST_MESSAGE = 65_536
+"""Bytes. A path of 20 000 points has 1.4 million, and 0.4 s would pass until Python had unpacked them."""
+
+Take = Callable[[Any], None]
+"""Takes a message; raises ValueError where it cannot be used."""
+
+
+class Inputs:
+    """The subscriptions of a node. What is too long, or out of the ranges of its kind, is refused in words.
+
+    Args:
+        node: Whose subscriptions these are.
+        refuse: Gets a sentence for every message that is refused.
+    """
+
+    def __init__(self, node: Node, refuse: Callable[[str], None]) -> None:
+        self._node, self._refuse = node, refuse
+
+    def subscribe(self, kind: type, topic: str, take: Take, profile: QoSProfile | int) -> None:
+        """Hands messages of a kind that `nermo_description.ranges` knows over to `take`."""
+        name = kind_name(kind)
+
+        def receive(packed: bytes) -> None:
+            try:
+                take(unpack(kind, name, packed))
+            except ValueError as error:
+                self._refuse(f"{topic} refused: {error}")
+
+        self._node.create_subscription(kind, topic, receive, profile, raw=True)
+
+
+def kind_name(kind: type) -> str:
+    """As in sensor_msgs/Imu. Raises KeyError where nobody knows the ranges of this kind."""
+    name = f"{kind.__module__.partition('.')[0]}/{kind.__name__}"
+    if name not in CHECKS:
+        raise KeyError(f"nermo_description.ranges does not know {name}")
+    return name
+
+
+def unpack(kind: type, name: str, packed: bytes) -> Any:
+    """The message of a kind from its bytes. Raises ValueError where it is too long, broken or out of range."""
+    if len(packed) > LARGEST_MESSAGE:
+        raise ValueError(f"{len(packed)} bytes: allowed are {LARGEST_MESSAGE}")
+    try:
+        message = deserialize_message(packed, kind)
+    except RuntimeError as error:
+        raise ValueError(f"{len(packed)} bytes are no {name}") from error
+    if (wrong := message_error(name, message)) is not None:
+        raise ValueError(wrong)
+    return message
