@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from simgap.data.channels import model_names
 from simgap.data.plant import Plant
-from simgap.simulation.scales import Scales
 from simgap.simulation.contacts import colliding
+from simgap.simulation.scales import Scales
 from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
@@ -179,7 +179,7 @@ def group_names(names: Sequence[str], given: dict[str, tuple[str, ...]]) -> dict
 
 
 class ByPart(Effect):
-    """An effect at joints or servos. In a group of few, each has a value of its own, named after it; of many all share it.
+    """An effect at joints or servos. In a group of few, each has a value of its own, named after it; many share one.
 
     Joints of one robot carry different torques: with one friction for all, the small joint's would be the large one's.
     """

@@ -1,10 +1,10 @@
 """From fitted hypotheses to probabilities: which of them, given what they predict of data that they have not seen.
 
-Let E_h be the cost of hypothesis h: minus its held-out log density (`likelihood.py`), its nuisances' prior, and its own,
+Let E_h be the cost of hypothesis h: minus its held-out log density (`likelihood.py`), its nuisances' prior, its own,
 
     E_h = sum_w -log p(window w | fit without w) + z'z / 2 + sum over effects of log(kinds x sites of the kind) + ...
 
-Then p(h) is proportional to exp(-E_h / L), averaged over Bayesian bootstraps of the blocks of windows (pseudo-BMA+: Yao,
+Then p(h) is proportional to exp(-E_h / L), averaged over Bayesian bootstraps of blocks of windows (pseudo-BMA+: Yao,
 Vehtari, Simpson, Gelman 2018), so that what a few windows say is not taken for certain. L is the temperature: no law of
 a library is quite what a robot has, and the wrong one may bend a little better; a share LAW_ERROR of what the weakest
 effect of the winner earns is counted as one nat, and never less than one.

@@ -340,9 +340,7 @@ class Fitter:
             train = np.flatnonzero(fold != f)
             dx, dz, _ = self.solve(fit.residual[train], fit.effect_jacobian[:, train], fit.z, *bounds, train)
             dx, dz = dx - rest_x, dz - rest_z
-            trials.append(
-                [(hypothesis.values(u + t * dx), np.clip(fit.z + t * dz, -BOX, BOX)) for t in _FOLD_TRIALS]
-            )
+            trials.append([(hypothesis.values(u + t * dx), np.clip(fit.z + t * dz, -BOX, BOX)) for t in _FOLD_TRIALS])
         squares = self.mean_square(self.replay(hypothesis, [p for t in trials for p in t]))
         common = self.mean_square(fit.residual)
         fit.held = np.full(common.shape, np.nan)

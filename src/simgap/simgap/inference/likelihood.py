@@ -45,7 +45,7 @@ class Likelihood:
     independent: Array
 
     def scale(self, square: Array, use: NDArray[np.bool_] | None = None) -> Array:
-        """Likeliest V (..., nl), at least 1, of mean squares (..., nw, nl); of the windows ``use`` (nw,) where given."""
+        """Likeliest V (..., nl), at least 1, of mean squares (..., nw, nl); of the windows ``use`` (nw,) if given."""
         recorded = self.recorded if use is None else self.recorded & use[:, None]
         n, weight = self.independent, recorded.astype(float)
         total = weight.sum(axis=0) + PRIOR_WINDOWS

@@ -125,9 +125,7 @@ def _without_effect(verdict: Verdict, selector: Selector, selection: Selection) 
             f"nominal numbers within their priors predict held-out data as well as repeating the experiment: {left}"
         )
     else:
-        verdict.reasons.append(
-            f"no effect improves the prediction of held-out data beyond what priors explain: {left}"
-        )
+        verdict.reasons.append(f"no effect improves the prediction of held-out data beyond what priors explain: {left}")
 
 
 def _with_effects(verdict: Verdict, selector: Selector, selection: Selection) -> None:
@@ -217,8 +215,8 @@ def _hidden(selector: Selector, selection: Selection) -> str:
     if not strained or (share := selector.hidden(selection)) <= HIDDEN:
         return ""
     return (
-        f"beside {best.key}, {' and '.join(strained)} would have to be off by more than {BOX:g} prior deviations (worth "
-        f"{100 * share:.0f} % of what the effect is): another effect hides in them"
+        f"beside {best.key}, {' and '.join(strained)} would have to be off by more than {BOX:g} prior deviations "
+        f"(worth {100 * share:.0f} % of what the effect is): another effect hides in them"
     )
 
 

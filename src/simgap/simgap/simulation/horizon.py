@@ -15,8 +15,8 @@ SHORTEST = 0.15
 _GROWN = 1.5
 """Once an error of the start has grown by this factor in many windows, what comes after it is chaos, not evidence."""
 _FORGOTTEN = 0.5
-"""Where it has shrunk to this by the end of a window, the robot forgets its start, and longer windows show what is wrong
-in the steady state as well."""
+"""Where it has shrunk to this by the end of a window, the robot forgets its start, and longer windows show what is
+wrong in the steady state as well."""
 _MANY = 80.0
 """[%] of the windows in which it has not."""
 _ERRORS = 2.0
