@@ -192,7 +192,11 @@ class Fitter:
     def refresh(
         self, hypothesis: Hypothesis, x: Array, z: Array, residual: Array, which: NDArray[np.bool_] | None = None
     ) -> None:
-        """Recompute the nuisance sensitivities (or those of ``which``) about a point whose residual is known."""
+        """Recompute the nuisance sensitivities (or those of ``which``) about a point whose residual is known.
+
+        The array that was there stays as it is: who keeps it has what was true there.
+        """
+        self.jacobian = self.jacobian.copy()
         signs = np.where(z > 0, -1.0, 1.0)
         rows = np.arange(len(z)) if which is None else np.flatnonzero(which)
         for first in range(0, len(rows), 16):
