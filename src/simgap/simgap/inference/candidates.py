@@ -137,10 +137,10 @@ class Candidates:
         if not effect.one_size:
             return x, z
         first = effect.parameters[0]
-        away = first.away(x[0])
+        away = first.away(float(x[0])) or first.scale
         tries = sorted(a / away for t in first.tries if (a := first.away(t)) * np.sign(away) > 0)
-        shares = [1.0, *tries, *(a + k * (b - a) for a, b in pairwise(tries) for k in (1 / 3, 2 / 3)), *LARGER]
-        values = [v for k in shares if (v := effect.times(k, x)) is not None]
+        shares = [*tries, *(a + k * (b - a) for a, b in pairwise(tries) for k in (1 / 3, 2 / 3)), *LARGER]
+        values = [tuple(x), *(v for k in shares if (v := effect.times(k, x)) is not None)]
         points = [(np.array(v), z) for z in (z, np.zeros_like(z)) for v in values]
         residuals = self.fitter.replay(hypothesis, points, select)
         costs = self.fitter.data_cost(self.fitter.mean_square(residuals, select), select)
