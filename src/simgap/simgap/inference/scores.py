@@ -94,8 +94,8 @@ class Scores:
         if worse.likelihood is not None and better.likelihood is not None:
             return self.gain(worse.likelihood, better.likelihood)
         price = PER_PARAMETER * (better.hypothesis.size - worse.hypothesis.size)
-        costs = (np.nan_to_num(fit.held_cost) for fit in (worse, better))
-        return self.gain(*costs, worse.prior - better.prior - price)
+        before, after = np.nan_to_num(worse.held_cost), np.nan_to_num(better.held_cost)
+        return self.gain(before, after, worse.prior - better.prior - price)
 
     def gain(self, worse: Array, better: Array, beside: float = 0.0) -> tuple[float, float, float]:
         """(mean, 5 %, 95 %) of the difference of costs (nw,) of windows, and what is gained ``beside`` it.
