@@ -49,7 +49,7 @@ def bench_fuzz(
 
     from nermo_bringup.fuzz.subjects import subjects
     from nermo_bringup.nodes.fuzz import LONGEST_STALL, fuzz
-    from nermo_node.loopback import loopback
+    from nermo_node.network import loopback
 
     os.environ.setdefault("ROS_DOMAIN_ID", DOMAIN)
     os.environ.update(loopback(os.environ))

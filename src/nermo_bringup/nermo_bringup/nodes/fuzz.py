@@ -30,7 +30,7 @@ from nermo_bringup.fuzz.messages import spoil, stamp, swell, usual
 from nermo_bringup.fuzz.subjects import Subject
 from nermo_bringup.launch.executables import find_executable
 from nermo_description.robots import AnyRobot, load_any_robot
-from nermo_node.loopback import loopback
+from nermo_node.network import loopback
 from nermo_node.run import EventsExecutor
 
 NAMESPACE = "/fuzz"
