@@ -1,1 +1,1 @@
-"""What is said beside the verdict: checks, where, waterfall, free runs, remainder, what next; the whole diagnosis."""
+"""Beside the verdict: input checks, localisation, isolability, the next experiment, the diagnosis."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from simgap.data.channels import is_servo
 from simgap.data.plant import Plant
-from simgap.effects.base import ByPart, Context, Effect, Parameter, Site, amount, by_part, named_sites, ratio
+from simgap.effects.base import Context, Effect, Parameter, Site, amount, named_sites, ratio
 from simgap.simulation.variant import Variant
 
 Obj = mujoco.mjtObj
@@ -109,7 +109,7 @@ class ServoBacklash(Effect):
             variant.inputs.play[channels_of(variant.plant, self.site.targets)] += values[0]
 
 
-class ServoGain(ByPart):
+class ServoGain(Effect):
     """The servo is stiffer or softer than modelled, its damping with it (strength) or not (stiffness); for a motor, its
     torque constant is another.
     """
@@ -125,25 +125,24 @@ class ServoGain(ByPart):
                 is_servo(context.model, a, 1) and context.model.actuator_biasprm[a, 2] != 0 for a in site.targets
             )
             for form in ("strength", "stiffness") if damped else ("",):
-                values = by_part(context, site, Obj.mjOBJ_ACTUATOR, lambda _: ratio(tries=(0.5, 0.75, 1.3, 1.7)))
-                yield cls(site, values, form)
+                yield cls(site, [ratio(tries=(0.5, 0.75, 1.3, 1.7))], form)
         measured = [i for i, c in enumerate(context.plant.inputs) if c.measured or c.actuator < 0]
         for i in measured:
             yield cls(Site(_input_name(context.plant, i), (-1 - i,)), [ratio(tries=(0.7, 0.85, 1.15, 1.4))])
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
-        model = variant.model
-        for target, value in zip(self.site.targets, np.broadcast_to(values, len(self.site.targets)), strict=True):
+        for target in self.site.targets:
             if target < 0:
-                variant.inputs.scale[-1 - target] *= value
+                variant.inputs.scale[-1 - target] *= values[0]
                 continue
-            model.actuator_gainprm[target, 0] *= value
+            model = variant.model
+            model.actuator_gainprm[target, 0] *= values[0]
             if is_servo(model, target, 1):
-                model.actuator_biasprm[target, 1] *= value
+                model.actuator_biasprm[target, 1] *= values[0]
                 if self.form == "strength":
-                    model.actuator_biasprm[target, 2] *= value
+                    model.actuator_biasprm[target, 2] *= values[0]
             elif is_servo(model, target, 2):
-                model.actuator_biasprm[target, 2] *= value
+                model.actuator_biasprm[target, 2] *= values[0]
 
 
 class ServoOffset(Effect):
