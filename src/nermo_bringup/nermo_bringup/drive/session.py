@@ -31,9 +31,7 @@ from nermo_description.invocation import called, run_line
 from nermo_description.results import CommandError
 
 if TYPE_CHECKING:
-    from rclpy.executors import Executor
-
-    from nermo_bringup.nodes.drive import Drive
+    from nermo_bringup.nodes.drive import Drive, Executor
 
 NAMESPACE = "nermo"
 COMMAND_PERIOD_S = 0.05
@@ -138,29 +136,19 @@ class _Session:
 
     def run(self) -> None:
         """Brings the graph up, drives until somebody leaves, brings it down and says how it was."""
-        import rclpy
-        from rclpy.signals import SignalHandlerOptions
+        from nermo_bringup.nodes.drive import in_graph
 
-        from nermo_bringup.nodes.drive import Drive
-        from nermo_node.run import EventsExecutor
-
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        node = Drive(self._driver, NAMESPACE)
-        executor = EventsExecutor()
-        executor.add_node(node)
-        try:
-            with Live(
+        with (
+            in_graph(self._driver, NAMESPACE) as (node, executor),
+            Live(
                 console=self._console,
                 auto_refresh=False,
                 transient=True,
                 redirect_stdout=False,
                 redirect_stderr=False,
-            ) as live:
-                walked = self._drive(node, executor, live)
-        finally:
-            executor.shutdown()
-            node.destroy_node()
-            rclpy.try_shutdown()
+            ) as live,
+        ):
+            walked = self._drive(node, executor, live)
         self._tell(node, walked)
 
     def _drive(self, node: Drive, executor: Executor, live: Live) -> bool:
@@ -242,8 +230,7 @@ class _Session:
         where += f", {pad}: hold its dead-man button" if pad else ""
         return display.screen(
             display.View(
-                title=f"{self._settings.robot} on its twin, {where}"
-                + (f", {pad}: hold its dead-man button" if pad else ""),
+                title=f"{self._settings.robot} on its twin, {where}",
                 driver=self._driver,
                 odometer=node.odometer,
                 forward_velocity=forward,

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry as OdometryMessage
+from rclpy.executors import Executor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from nermo_bringup.drive.odometer import Odometer
 from nermo_bringup.nodes.operator import Operator
@@ -17,6 +21,7 @@ from nermo_control.nodes.conversions import odometry_from_message
 from nermo_interfaces.msg import ControlCommand, ServoCommand
 from nermo_node import qos
 from nermo_node.complaints import Complaints
+from nermo_node.run import EventsExecutor
 
 FRESH_S = 0.5
 """A command that is older commands no more."""
@@ -24,6 +29,21 @@ FALLEN_RAD = math.radians(60.0)
 """A body that is tilted by more does not stand on its feet."""
 TROUBLE_S = 3.0
 """So long a warning is shown."""
+
+
+@contextmanager
+def in_graph(driver: Driver, namespace: str) -> Iterator[tuple[Drive, Executor]]:
+    """The node and the executor that spins it, while the block runs; signals are left to whoever runs it."""
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = Drive(driver, namespace)
+    executor = EventsExecutor()
+    executor.add_node(node)
+    try:
+        yield node, executor
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
 
 
 class Drive(Node):
