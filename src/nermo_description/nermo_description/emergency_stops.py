@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable
+from collections.abc import Collection, Hashable, Mapping
 from dataclasses import dataclass
 
 REMEMBERED_TELLERS = 64
@@ -61,6 +61,11 @@ class EmergencyStops:
         """Only these sources are there: the others do not say stop any more. What they have latched stays."""
         for source in [source for source in list(self._saying) if source not in present]:
             self.say(source, False)
+
+    def rename(self, names: Mapping[Hashable, str]) -> None:
+        """What people read of sources, where it is learnt only after they have said something."""
+        for said in (self._saying, self._latched):
+            said.update({source: name for source, name in names.items() if source in said})
 
     def release(self) -> str:
         """Takes all stops back; where somebody still says stop none, and who it is comes back in words."""

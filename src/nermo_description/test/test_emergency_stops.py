@@ -148,3 +148,15 @@ def test_a_signal_in_the_midst_of_a_release_is_not_swept_away() -> None:
     stops._saying = Sneaky()
     assert stops.release() == "emergency_stop (SIGUSR1 and pad have said stop and wait for a release)"
     assert stops.active
+
+
+def test_a_name_may_be_learnt_after_the_stop() -> None:
+    stops = EmergencyStops()
+    stops.say("a", True, "somebody")
+    stops.rename({"a": "/pad", "b": "/nobody"})
+    assert str(stops) == "/pad says stop"
+    stops.say("a", False)
+    assert str(stops) == "/pad has said stop and waits for a release"
+    assert stops.release() == ""
+    stops.rename({"a": "/pad"})
+    assert not stops.active

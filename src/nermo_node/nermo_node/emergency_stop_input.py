@@ -18,6 +18,7 @@ from nermo_node import qos
 from nermo_node.command_input import UNNAMED, WithInfo, sender_of
 
 TOPIC = "emergency_stop"
+_UNKNOWN = "_NODE_NAME_UNKNOWN_"
 SIGNAL_PERIOD_S = 0.02
 """Between two looks whether a signal has come."""
 
@@ -56,8 +57,10 @@ class EmergencyStopInput:
             node.create_timer(SIGNAL_PERIOD_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def forget_the_gone(self) -> None:
-        """Publishers that are not there any more say nothing."""
-        self._stops.keep(list(self._publishers()))
+        """Publishers that are not there any more say nothing; of the others the name may be known by now."""
+        publishers = self._publishers()
+        self._stops.keep(list(publishers))
+        self._stops.rename(publishers)
 
     def _receive(self, message: Bool, info: dict[str, Any]) -> None:
         sender = sender_of(info)
@@ -76,7 +79,7 @@ class EmergencyStopInput:
 
     def _publishers(self) -> dict[bytes, str]:
         found = {
-            bytes(each.endpoint_gid): f"{each.node_namespace.rstrip('/')}/{each.node_name}"
+            bytes(each.endpoint_gid): _name(each.node_namespace, each.node_name)
             for each in self._node.get_publishers_info_by_topic(TOPIC)
         }
         return {**found, UNNAMED: f"topic {TOPIC}"} if found else {}
@@ -86,3 +89,8 @@ class EmergencyStopInput:
         response.message = self._release()
         response.success = not response.message
         return response
+
+
+def _name(namespace: str, node: str) -> str:
+    """Full name of a node; ROS may hear of a publisher before it hears whose it is."""
+    return f"a publisher of {TOPIC}" if node == _UNKNOWN else f"{namespace.rstrip('/')}/{node}"
