@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 REMEMBERED_TELLERS = 64
 """Far ends of which it is remembered what they have told; there is one at a time, and a restarted one is another."""
@@ -62,7 +63,7 @@ class EmergencyStops:
         for source in [source for source in list(self._saying) if source not in present]:
             self.say(source, False)
 
-    def rename(self, names: Mapping[Hashable, str]) -> None:
+    def rename(self, names: Mapping[Any, str]) -> None:
         """What people read of sources, where it is learnt only after they have said something."""
         for said in (self._saying, self._latched):
             said.update({source: name for source, name in names.items() if source in said})
