@@ -17,6 +17,7 @@ from rich.table import Table
 from simgap.analysis.diagnose import Diagnosis, write_experiment, write_report
 from simgap.report.evidence import gather
 from simgap.report.html import write_page
+from simgap.report.sentences import free, left, limits
 
 
 @contextlib.contextmanager
@@ -70,6 +71,8 @@ def print_diagnosis(found: Diagnosis) -> None:
             table.add_row(effect["name"], effect["site"], name, f"{p['value']:.4g} {p['unit']}", interval)
     if report["effects"]:
         console.print(table)
+    for sentence in filter(None, (free(report), left(report), limits(report))):
+        console.print(sentence, highlight=False)
     for group in report["equivalent"]:
         console.print("not told apart: " + ", ".join(group))
     if report["next_experiment"]:

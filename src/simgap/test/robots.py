@@ -38,8 +38,12 @@ def simulate(
     noise: float = 2e-4,
     change: Callable[[mujoco.MjModel], None] | None = None,
     signal: Callable[[dict[str, Array]], dict[str, Array]] | None = None,
+    push: Callable[[mujoco.MjData], None] | None = None,
 ) -> dict[str, Array]:
-    """A table as a robot would have logged it: a plain mj_step loop, with held commands and white noise."""
+    """A table as a robot would have logged it: a plain mj_step loop, with held commands and white noise.
+
+    ``push`` may set forces before every step.
+    """
     model = plant_of(name).model
     if change:
         change(model)
@@ -57,6 +61,8 @@ def simulate(
         mujoco.mj_forward(model, data)
         rows[k] = plant.read(data.sensordata)
         for _ in range(steps):
+            if push:
+                push(data)
             mujoco.mj_step(model, data)
     rows += noise * rng.standard_normal(rows.shape)
     return {"t": period * np.arange(n), **table, **{c.column: rows[:, i] for i, c in enumerate(plant.outputs)}}

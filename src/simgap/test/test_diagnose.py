@@ -173,6 +173,11 @@ def test_what_is_finer_than_the_sensors_is_no_gap() -> None:
 
 
 KEYS = ("verdict", "gap", "where", "effects", "equivalent", "baselines", "next_experiment", "heldout", "noise_floor")
+GRADED = {
+    "waterfall": {"step", "gap", "rmse", "free_running"},
+    "calibration": {"name", "site", "nominal", "value", "unit", "ci90", "gap_share"},
+    "free_running": {"run", "model", "rmse"},
+}
 TOP = ("schema", "created", "command", "seed", "robot", "versions", "warnings", "wall_s")
 
 
@@ -206,6 +211,11 @@ def test_command_line_writes_every_key(files: dict[str, Path]) -> None:
         for parameter in effect["parameters"].values():
             assert {"value", "unit", "ci90"} <= set(parameter)
     assert report["verdict"] in result.output
+    for key, inside in GRADED.items():
+        assert all(inside <= set(row) for row in report[key])
+    assert {"share", "predictable_share", "goes_with", "sentence"} <= set(report["remainder"])
+    assert {r["model"] for r in report["free_running"]} == {"nominal", "recalibrated", "diagnosed", "fit_everything"}
+    assert report["remainder"]["sentence"] in " ".join(result.output.split())
 
 
 @pytest.mark.parametrize("before", [["simgap"], ["/usr/bin/python", "-m", "simgap"]])

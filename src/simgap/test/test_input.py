@@ -215,6 +215,28 @@ def test_noise_floor_sees_quantisation_and_repeats() -> None:
     assert floor[0] == pytest.approx(slow / np.sqrt(2), rel=0.3)
 
 
+def test_an_encoder_s_count_is_found_though_stamps_are_irregular_and_digits_few() -> None:
+    table = simulate("pendulum", 10.0, noise=0.0)
+    step = 2 * np.pi / 4096
+    rng = np.random.default_rng(0)
+    table["t"] = table["t"] + rng.uniform(0.0, 0.1 * np.diff(table["t"]).min(), len(table["t"]))
+    table["q"] = np.round(np.round(table["q"] / step) * step, 5)
+    _, aligned, floor = aligned_of("pendulum", table)
+    assert aligned.lattice[0] == pytest.approx(step, rel=0.02)
+    assert floor[0] >= 0.98 * step / np.sqrt(12)
+
+
+def test_a_map_may_say_what_a_sensor_resolves() -> None:
+    def resolving(value: float):  # type: ignore[no-untyped-def]
+        return lambda data: data["outputs"][0].update(resolution=value)
+
+    plant = plant_of("pendulum", resolving(0.01))
+    floor = noise_floor(align(recording_from_table(simulate("pendulum", 6.0, noise=0.0), plant), plant))
+    assert floor[0] >= 0.01 / np.sqrt(12)
+    with pytest.raises(GapInputError, match=r"outputs\[0\].resolution"):
+        plant_of("pendulum", resolving(-1.0))
+
+
 def _check(name: str, table: dict[str, np.ndarray], edit=None) -> list[str]:  # type: ignore[no-untyped-def,type-arg]
     plant = plant_of(name, edit)
     aligned = align(recording_from_table(table, plant), plant)

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 import simgap
 from simgap.analysis.experiment import GenericMenu, Menu
+from simgap.analysis.explanation import explain
+from simgap.analysis.free_running import FreeRun
 from simgap.analysis.input_checks import check_map, check_replay
 from simgap.analysis.isolability import confusion, isolability
 from simgap.analysis.localisation import Phases, bands, locate
@@ -37,13 +39,13 @@ from simgap.inference.select import Selection, Selector
 from simgap.inference.stochastic_link import PATTERN, Chance
 from simgap.inference.structure import REPEATS, predictable_share, repeating_share
 from simgap.inference.verdict import Verdict, judge
-from simgap.simulation.horizon import usable_horizon
+from simgap.simulation.horizon import forgets, usable_horizon
 from simgap.simulation.integration import FINER, finer
 from simgap.simulation.replay import Replayer
 from simgap.simulation.scales import measure_scales
 from simgap.simulation.state import measured_state
 from simgap.simulation.variant import Variant
-from simgap.simulation.windows import HORIZON, HORIZON_HEAVY, LIGHT, WARM_UP, affordable, at_limit, cut
+from simgap.simulation.windows import HORIZON, HORIZON_HEAVY, LIGHT, WARM_UP, affordable, at_limit, cut, longer
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -110,6 +112,8 @@ class Diagnosis:
     proposal: Proposal | None = None
     menu: Menu | None = None
     """Where the proposal comes from."""
+    runs: list[FreeRun] = field(default_factory=list)
+    """Free runs of the models of the waterfall."""
 
 
 def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | None = None) -> Diagnosis:
@@ -142,7 +146,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     selection = selector.run()
     Chance(selector).reconsider(selection, thorough=plant.model.nv <= LIGHT)
     structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
-    verdict = judge(selector, selection, structure)
+    verdict = judge(selector, selection)
     if verdict.kind == "unknown":
         share, frequency = repeating_share(residuals, selection.best.fit.residual)
         # A gait repeats too, and with it whatever is wrong with it; commands and motion predict that.
@@ -155,12 +159,15 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
         fitter, verdict.open, options.menu, options.seed, lambda share: options.say("next experiment", share)
     )
     report = _report(aligned, floor, selector, selection, verdict, structure, options)
+    options.say("free runs", 0.0)
+    keys, runs = explain(fitter, selector.scores, selection, report, options.seed)
+    report |= keys
     report["next_experiment"] = proposal.report() if proposal else None
     report["warnings"] = warnings
     report["time_step_s"] = float(plant.model.opt.timestep)
     report["replayed_s"] = replayer.simulated_seconds
     report["wall_s"] = time.monotonic() - started
-    return Diagnosis(verdict, selection, selector, aligned, report, proposal, options.menu)
+    return Diagnosis(verdict, selection, selector, aligned, report, proposal, options.menu, runs)
 
 
 def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, options: Options) -> Replayer:
@@ -171,7 +178,12 @@ def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, op
     made = Replayer(plant, aligned, cut(aligned, longest, options.warm_up, most, avoided), floor, options.threads)
     horizon = usable_horizon(made, nominal)
     if horizon > 0.9 * longest:
-        return made
+        further = longer(aligned, options.warm_up)
+        if options.horizon or longest < HORIZON or further <= longest or not forgets(made, nominal):
+            return made
+        # Twice the seconds, for a steady error shows once in each.
+        windows = cut(aligned, further, options.warm_up, round(2.0 * most * longest / further), avoided)
+        return Replayer(plant, aligned, windows, floor, options.threads)
     # As many seconds of motion in shorter windows.
     windows = cut(aligned, horizon, options.warm_up, round(most * longest / horizon), avoided)
     return Replayer(plant, aligned, windows, floor, options.threads)
@@ -199,6 +211,7 @@ def _report(
         "versions": {"simgap": simgap.__version__, "mujoco": mujoco.__version__, "python": platform.python_version()},
         "verdict": verdict.kind,
         "reasons": verdict.reasons,
+        "probabilities": _probabilities(verdict),
         "gap": _gap(selector, selection, fitter.mean_square(nominal)),
         "where": locate(residuals, nominal, options.phases),
         "left": locate(residuals, best.fit.residual, options.phases),
@@ -225,6 +238,12 @@ def _report(
         },
         "noise_floor": {plant.outputs[i].name: float(floor[i]) for i in range(len(floor))},
     }
+
+
+def _probabilities(verdict: Verdict) -> dict[str, float]:
+    """Of the verdict's causes, and of every set of causes that was kept."""
+    sets = {" + ".join(sorted(c.names)) or "nominal numbers": c.probability for c in verdict.classes}
+    return {verdict.kind: verdict.probability, **{key: p for key, p in sets.items() if p > 1e-4}}
 
 
 def _model_name(plant: Plant) -> str:

@@ -123,7 +123,7 @@ def judged(truth: dict[str, Any], found: Row) -> Row:
     effects = found.get("effects") or []
     named = [f"{e['name']}@{e['site']}" for e in effects]
     verdict = found.get("verdict", "none given")
-    asserted = verdict in ("effect", "ambiguous")
+    asserted = verdict in ("effect", "ambiguous", "partial")
     alike = {n for group in found.get("equivalent") or [] for part in group for n in part.split(" + ")} | set(named)
     gap = found.get("gap") or {}
     row: Row = {
@@ -155,7 +155,7 @@ def judged(truth: dict[str, Any], found: Row) -> Row:
         case "none":
             row["correct"] = verdict == "no_gap"
         case "unknown":
-            row["correct"] = verdict == "unknown"
+            row["correct"] = verdict == "unknown" or (verdict == "partial" and not named)
         case "single":
             row["top1"] = asserted and named == keys
             row["in_class"] = row["correct"] = asserted and keys[0] in alike

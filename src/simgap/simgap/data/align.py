@@ -44,6 +44,8 @@ class Aligned:
         valid: (n, no) False where an output was not sampled.
         runs: in order; windows never cross their borders.
         live: (no,) False for an output that does not change at all.
+        lattice: (no,) step of the lattice on which an output's values were sampled, before they were put on the grid; 0
+            where they lie on none.
     """
 
     period: float
@@ -56,6 +58,7 @@ class Aligned:
     held_out: tuple[float, ...] = ()
     auxiliary: dict[str, Array] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    lattice: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def duration(self) -> float:
@@ -121,7 +124,23 @@ def align(recording: Recording, plant: Plant) -> Aligned:
         recording.held_out,
         grid_aux,
         warnings,
+        np.array(
+            [o.resolution or lattice_step(y[np.isfinite(y)]) for o, y in zip(plant.outputs, outputs.T, strict=True)]
+        ),
     )
+
+
+def lattice_step(values: Array) -> float:
+    """Step of the lattice on which sampled values (n,) lie, as those of an encoder do; 0 where there is none."""
+    levels = np.unique(values)
+    if len(levels) < 3:
+        return 0.0
+    steps = np.diff(levels)
+    steps = steps[steps > 1e-9 * max(float(np.ptp(levels)), 1e-12)]
+    step = float(np.percentile(steps, 5)) if len(steps) else 0.0
+    # Encoders' values are written with few digits, which moves each by a little.
+    on_lattice = step > 0.0 and float(np.mean(np.abs(steps / step - np.round(steps / step)) < 0.02)) > 0.9
+    return step if on_lattice else 0.0
 
 
 def _missing(valid: NDArray[np.bool_]) -> float:

@@ -111,6 +111,8 @@ class OutputChannel:
     subsystem: str = ""
     part: str = ""
     """Name of the component of a sensor that has several."""
+    resolution: float = 0.0
+    """What the sensor resolves, in SI, where the map says so."""
 
     @property
     def wrapped(self) -> bool:
@@ -337,4 +339,5 @@ def output_channel(model: mujoco.MjModel, row: OutputRow, sensor: str, where: st
         origin=origin,
         subsystem=subsystem,
         part=row.component or "",
+        resolution=abs(scale) * (row.resolution or 0.0),
     )

@@ -61,6 +61,8 @@ class OutputRow(_Row):
     quantity: Quantity | None = None
     component: Component | None = None
     sign: Literal[-1, 1] = 1
+    resolution: float | None = Field(default=None, gt=0.0)
+    """What the sensor resolves, in the row's unit (one count of an encoder); otherwise it is found in the values."""
 
     @model_validator(mode="after")
     def _target(self) -> OutputRow:

@@ -67,18 +67,10 @@ def _deviation(aligned: Aligned, values: Array, valid: NDArray[np.bool_]) -> Arr
 
 
 def _quantisation(aligned: Aligned) -> Array:
-    """Step / sqrt(12) where the values lie on a lattice."""
-    floor = np.zeros(aligned.outputs.shape[1])
-    for i in range(aligned.outputs.shape[1]):
-        values = np.unique(aligned.outputs[aligned.valid[:, i], i])
-        if len(values) < 3:
-            continue
-        steps = np.diff(values)
-        steps = steps[steps > 1e-9 * max(float(np.ptp(values)), 1e-12)]
-        step = float(np.percentile(steps, 5)) if len(steps) else 0.0
-        if step > 0 and np.mean(np.abs(steps / step - np.round(steps / step)) < 0.02) > 0.9:
-            floor[i] = step / np.sqrt(12.0)
-    return floor
+    """Step / sqrt(12) where the sampled values lie on a lattice, or where the map says what a sensor resolves."""
+    lattice = aligned.lattice if len(aligned.lattice) else np.zeros(aligned.outputs.shape[1])
+    found: Array = lattice / np.sqrt(12.0)
+    return found
 
 
 def _repeats(aligned: Aligned) -> Array:

@@ -124,9 +124,7 @@ class Candidates:
             if i < FINALISTS and fit.cost < fits[0].cost + margin:
                 self.fitter.cross_validate(fit)
             else:
-                fit.held = np.where(
-                    self.fitter.windows.fold[:, None] >= 0, self.fitter.mean_square(fit.residual), np.nan
-                )
+                self.fitter.score_in_sample(fit)
         return sorted((self.scores.scored(f) for f in fits), key=by_score)
 
     def _nearest(self, hypothesis: Hypothesis, x: Array, z: Array, select: Ints) -> tuple[Array, Array]:
@@ -136,14 +134,14 @@ class Candidates:
         also tried with untouched nuisances, which may have been bent to make up for a value that is far from right.
         """
         (effect,) = hypothesis.effects
-        if len(effect.parameters) != 1:
+        if not effect.one_size:
             return x, z
-        parameter = effect.parameters[0]
-        away = x[0] - parameter.neutral
-        tries = sorted(t for t in parameter.tries if (t - parameter.neutral) * np.sign(away) > 0)
-        values = [x[0], *tries, *(a + k * (b - a) for a, b in pairwise(tries) for k in (1 / 3, 2 / 3))]
-        values += [v for v in parameter.neutral + away * np.array(LARGER) if parameter.low < v < parameter.high]
-        points = [(np.array([v]), z) for z in (z, np.zeros_like(z)) for v in values]
+        first = effect.parameters[0]
+        away = first.away(float(x[0])) or first.scale
+        tries = sorted(a / away for t in first.tries if (a := first.away(t)) * np.sign(away) > 0)
+        shares = [*tries, *(a + k * (b - a) for a, b in pairwise(tries) for k in (1 / 3, 2 / 3)), *LARGER]
+        values = [tuple(x), *(v for k in shares if (v := effect.times(k, x)) is not None)]
+        points = [(np.array(v), z) for z in (z, np.zeros_like(z)) for v in values]
         residuals = self.fitter.replay(hypothesis, points, select)
         costs = self.fitter.data_cost(self.fitter.mean_square(residuals, select), select)
         costs = costs + 0.5 * np.array([z @ z for _, z in points])
@@ -310,12 +308,12 @@ class Candidates:
     def restarted(self, scored: Scored) -> Scored:
         """A winner, begun anew from values about its own, one at a time, nominal numbers as they are or untouched."""
         fitter, fit = self.fitter, scored.fit
-        away, low, high = (fit.hypothesis.vector(name) for name in ("neutral", "low", "high"))
+        u, neutral = fit.hypothesis.scaled(fit.x), fit.hypothesis.scaled(fit.hypothesis.vector("neutral"))
         points = []
         for i, share in product(range(len(fit.x)), SHAKEN):
-            x = fit.x.copy()
-            x[i] = away[i] + share * (x[i] - away[i])
-            points += [(np.clip(x, low, high), z) for z in (fit.z, np.zeros_like(fit.z))]
+            moved = u.copy()
+            moved[i] = neutral[i] + share * (u[i] - neutral[i])
+            points += [(fit.hypothesis.values(moved), z) for z in (fit.z, np.zeros_like(fit.z))]
         costs = fitter.data_cost(fitter.mean_square(fitter.replay(fit.hypothesis, points)))
         costs = costs + 0.5 * np.array([z @ z for _, z in points])
         starts = np.argsort(costs)[:_SHAKEN_STARTS]

@@ -45,7 +45,7 @@ def indistinct(gain: float) -> float:
 
 def _extremities(fit: Fit) -> Array:
     """How far each parameter of a fit is from neutral, in its strongest try."""
-    away: Array = np.abs(fit.x - fit.hypothesis.vector("neutral")) / np.maximum(fit.hypothesis.vector("strong"), 1e-300)
+    away: Array = np.abs(fit.hypothesis.away(fit.x)) / np.maximum(fit.hypothesis.vector("strong"), 1e-300)
     return away
 
 
@@ -80,7 +80,7 @@ def places(effects: Sequence[Effect]) -> Counter[str]:
     return Counter(name for name, _ in {(e.name, e.site.name) for e in effects})
 
 
-def _surprise(fit: Fit, sites: Counter[str]) -> float:
+def surprise(fit: Fit, sites: Counter[str]) -> float:
     """[nats] All kinds of effects are equally likely, each wherever it can act; what is twice as extreme half as much.
 
     So a cable's friction, of which a robot with one cable has one place, is likelier than friction at just that one of
@@ -120,7 +120,7 @@ def simplest(scores: Scores, scored: Sequence[Scored], without: Scored, sites: C
             chosen = rival
     for rival in scored[:FINALISTS]:
         same = _parts(rival.fit) == _parts(chosen.fit)
-        less = _surprise(chosen.fit, sites) - _surprise(rival.fit, sites)
+        less = surprise(chosen.fit, sites) - surprise(rival.fit, sites)
         if same and less > 0.0 and rival.score < chosen.score + min(less, CLOSE):
             chosen = rival
     lead = max(CLOSE, LAW_LEAD * (without.score - best.score))

@@ -104,11 +104,7 @@ def screen(
 
 def _beyond(screened: Screened) -> tuple[float, ...] | None:
     """The next start value of a candidate with one parameter that promises most as far as its start tells, if any."""
-    if not screened.farthest or len(screened.effect.parameters) != 1:
-        return None
-    (parameter,) = screened.effect.parameters
-    value = parameter.neutral + _FURTHER * float(screened.x[0] - parameter.neutral)
-    return (value,) if parameter.low < value < parameter.high else None
+    return screened.effect.times(_FURTHER, screened.x) if screened.farthest and screened.effect.one_size else None
 
 
 def _moderate(starts: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
@@ -130,7 +126,7 @@ def _directions(effect: Effect) -> list[tuple[float, ...]]:
 
 def _reversible(effect: Effect, start: Array) -> bool:
     """Whether the opposite of a start lies within the bounds too."""
-    return all(p.low <= 2.0 * p.neutral - x <= p.high for p, x in zip(effect.parameters, start, strict=True))
+    return effect.times(-1.0, start) is not None
 
 
 def _ranked(
@@ -157,8 +153,8 @@ def _ranked(
                 share, z, cost = _promise(fitter, fit, base, residual, select)
             else:
                 share, z, cost = quick.promise(residual - base, -1.0 if both and _reversible(effect, x) else 0.0)
-            neutral = np.array([p.neutral for p in effect.parameters])
-            start = neutral + np.copysign(np.clip(abs(share), 0.15, _FARTHEST), share) * (x - neutral)
+            reach = float(np.copysign(np.clip(abs(share), 0.15, _FARTHEST), share))
+            start = np.array([p.at(reach * p.away(v)) for p, v in zip(effect.parameters, x.tolist(), strict=True)])
             if id(effect) not in best or cost < best[id(effect)].cost:
                 farthest = abs(share) > 0.99 * _FARTHEST
                 best[id(effect)] = Screened(effect, start, z, cost, project(residual - base), farthest)

@@ -74,7 +74,7 @@ class Selector:
         effort: Effort | None = None,
     ) -> None:
         self._effort = effort or Effort()
-        self.fitter, self.effects, self.scores = fitter, list(effects), Scores(fitter, seed)
+        self.fitter, self.effects, self.scores, self.seed = fitter, list(effects), Scores(fitter, seed), seed
         self.candidates = Candidates(fitter, self.effects, self.scores, self._effort, progress)
         self._sites = places(self.effects)
 
