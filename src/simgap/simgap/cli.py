@@ -48,6 +48,7 @@ def diagnose_command(
     only: Annotated[list[str] | None, typer.Option(help="Consider this effect only (may be repeated).")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
     baselines: Annotated[bool, typer.Option(help="Also fit everything at once, for comparison.")] = True,
+    budget: Annotated[float | None, typer.Option(help="Seconds that it may take; the best answer by then.")] = None,
 ) -> None:
     """Say where the gap of a recording lies, which effect causes it, and how far the effect shrinks it.
 
@@ -60,7 +61,8 @@ def diagnose_command(
         plant = build_plant(load_spec(model), load_map(map_))
         tables = [recording_from_table(load_table(r), plant, str(r)) for r in recordings]
         with progress("align") as say:
-            found = diagnose(tables, plant, Options(seed, None, extra, {}, baselines, tuple(only or ()), say))
+            options = Options(seed, None, extra, {}, baselines, tuple(only or ()), say, budget=budget)
+            found = diagnose(tables, plant, options)
     except GapInputError as error:
         fail(str(error), 2)
     found.report["command"] = called(["simgap"], "diagnose")

@@ -30,6 +30,7 @@ from simgap.data.recording import Recording, concatenate
 from simgap.effects.base import Context, Effect
 from simgap.effects.library import enumerate_effects
 from simgap.inference.baselines import best_in_sample, fit_everything
+from simgap.inference.budget import Budget
 from simgap.inference.candidates import Effort
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
@@ -93,6 +94,8 @@ class Options:
     """Phases of each channel's motion for `where`; by the channel's own speed where None."""
     menu: Menu | None = None
     """Where the next experiment is chosen from; by default the one that suits any robot with inputs."""
+    budget: float | None = None
+    """[s] that the diagnosis may take; no limit where None."""
 
     def say(self, stage: str, share: float) -> None:
         """Report progress."""
@@ -124,6 +127,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     """
     options = options or Options()
     started = time.monotonic()
+    budget = Budget(options.budget, started)
     plant = finer(plant, options.finer)
     aligned = align(concatenate(list(recordings)), plant)
     floor = np.maximum(noise_floor(aligned), [options.resolution.get(o.name, 0.0) for o in plant.outputs])
@@ -142,9 +146,10 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     residuals = Residuals.build(replayer, nominal)
     fitter = Fitter(residuals, nuisances)
     effort = options.effort or (HEAVY if plant.model.nv > LIGHT else Effort())
-    selector = Selector(fitter, effects, options.seed, options.progress, effort)
+    selector = Selector(fitter, effects, options.seed, options.progress, effort, budget)
     selection = selector.run()
-    Chance(selector).reconsider(selection, thorough=plant.model.nv <= LIGHT)
+    if not budget.left_out:
+        Chance(selector).reconsider(selection, thorough=plant.model.nv <= LIGHT)
     structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
     verdict = judge(selector, selection)
     if verdict.kind == "unknown":
@@ -155,15 +160,19 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
                 f"{100 * share:.0f} % of what is left comes back about {frequency:.2g} times a second, and commands "
                 "and motion do not predict it: look for a fan, a gear, a belt or a neighbour"
             )
-    proposal = propose(
-        fitter, verdict.open, options.menu, options.seed, lambda share: options.say("next experiment", share)
-    )
+    proposal = None
+    if budget.spent():
+        budget.left_out.append("no next experiment was looked for")
+    else:
+        proposal = propose(
+            fitter, verdict.open, options.menu, options.seed, lambda share: options.say("next experiment", share)
+        )
     report = _report(aligned, floor, selector, selection, verdict, structure, options)
     options.say("free runs", 0.0)
     keys, runs = explain(fitter, selector.scores, selection, report, options.seed)
     report |= keys
     report["next_experiment"] = proposal.report() if proposal else None
-    report["warnings"] = warnings
+    report["warnings"] = warnings + [w for w in [budget.warning()] if w]
     report["time_step_s"] = float(plant.model.opt.timestep)
     report["replayed_s"] = replayer.simulated_seconds
     report["wall_s"] = time.monotonic() - started
@@ -336,7 +345,7 @@ def _baselines(fitter: Fitter, selector: Selector, selection: Selection, options
         "best_in_sample": best_in_sample(selector, selection.singles, selection.reference),
         "fit_everything": None,
     }
-    if options.baselines:
+    if options.baselines and not selector.budget.spent():
         found["fit_everything"] = fit_everything(fitter, seed=options.seed)
     return found
 

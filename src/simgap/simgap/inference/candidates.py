@@ -88,15 +88,16 @@ class Candidates:
         fitter = self.fitter
         assert fitter.nominal is not None
         kept, fitter.jacobian = fitter.jacobian, fitter.nominal_jacobian
-        screened = screen(
-            fitter,
-            fitter.nominal,
-            self.effects,
-            lambda share: self.say("screen", share),
-            self.effort.hopeful,
-        )
-        fitter.jacobian = kept
-        return screened
+        try:
+            return screen(
+                fitter,
+                fitter.nominal,
+                self.effects,
+                lambda share: self.say("screen", share),
+                self.effort.hopeful,
+            )
+        finally:
+            fitter.jacobian = kept
 
     def fitted(self, starts: Sequence[Start], base: Scored) -> list[Scored]:
         """Fits of ``base`` with one effect more, best first."""
@@ -276,12 +277,14 @@ class Candidates:
         kept, fitter.jacobian, found = fitter.jacobian, fitter.nominal_jacobian.copy(), []
         present = {e.key for e in base.hypothesis.effects}
         alone = [s.fit for s in singles if s.fit.hypothesis.effects[0].key not in present]
-        for i, single in enumerate(alone[:_UNTOUCHED]):
-            self.say("fit beside untouched", i / _UNTOUCHED)
-            hypothesis = base.hypothesis.with_effect(single.hypothesis.effects[0])
-            fit = fitter.fit(hypothesis, np.concatenate([base.x, single.x]), z)
-            found.append(self.scores.scored(fitter.cross_validate(fit)))
-        fitter.jacobian = kept
+        try:
+            for i, single in enumerate(alone[:_UNTOUCHED]):
+                self.say("fit beside untouched", i / _UNTOUCHED)
+                hypothesis = base.hypothesis.with_effect(single.hypothesis.effects[0])
+                fit = fitter.fit(hypothesis, np.concatenate([base.x, single.x]), z)
+                found.append(self.scores.scored(fitter.cross_validate(fit)))
+        finally:
+            fitter.jacobian = kept
         return found
 
     def _swapped(self, pairs: list[Scored], screened: Sequence[Screened]) -> list[Scored]:
