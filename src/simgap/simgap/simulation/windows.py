@@ -116,7 +116,10 @@ def at_limit(aligned: Aligned, floor: Array) -> NDArray[np.bool_]:
             continue
         for end in ends:
             # The extreme lies at the edge of the noise about where it rests.
-            level = np.median(y[valid & (np.abs(y - end) < 2.0 * _NEAR * noise)])
+            edge = y[valid & (np.abs(y - end) < 2.0 * _NEAR * noise)]
+            if not len(edge):
+                continue
+            level = np.median(edge)
             rests = valid & (np.abs(y - level) < _NEAR * noise)
             edges = np.flatnonzero(np.diff(np.concatenate([[0], rests.astype(int), [0]]))).reshape(-1, 2)
             for first, last in edges[np.diff(edges, axis=1)[:, 0] >= long]:
