@@ -14,7 +14,7 @@ from simgap.console import called, fail, print_diagnosis, progress, write_diagno
 from simgap.data.errors import GapInputError
 from simgap.data.mapping import load_map
 from simgap.data.plant import build_plant, load_spec
-from simgap.data.recording import load_table, recording_from_table
+from simgap.data.recording import load_recording
 from simgap.effects.library import load_effects
 
 app = typer.Typer(
@@ -39,7 +39,7 @@ def version_command() -> None:
 
 @app.command("diagnose")
 def diagnose_command(
-    recordings: Annotated[list[Path], typer.Argument(help="Tables (.csv, .npz, .parquet) with a header.")],
+    recordings: Annotated[list[Path], typer.Argument(help="Tables (.csv, .npz, .parquet) or bags (.mcap, .db3).")],
     model: Annotated[Path, typer.Option(help="The nominal model, an MJCF.")],
     map_: Annotated[Path, typer.Option("--map", help="YAML that maps columns to actuators and sensors.")],
     out: Annotated[Path | None, typer.Option(help="Folder for diagnosis.json and report.html.")] = None,
@@ -58,7 +58,7 @@ def diagnose_command(
     try:
         extra = tuple(c for path in effects or () for c in load_effects(path))
         plant = build_plant(load_spec(model), load_map(map_))
-        tables = [recording_from_table(load_table(r), plant, str(r)) for r in recordings]
+        tables = [load_recording(r, plant) for r in recordings]
         with progress("align") as say:
             found = diagnose(tables, plant, Options(seed, None, extra, {}, baselines, tuple(only or ()), say))
     except GapInputError as error:
