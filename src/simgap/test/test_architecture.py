@@ -8,7 +8,7 @@ import pytest
 import simgap
 
 ROOT = Path(simgap.__file__).parent
-LAYERS = ("data", "simulation", "effects", "inference", "analysis", "report", "blind", "examples")
+LAYERS = ("data", "simulation", "effects", "inference", "analysis", "correction", "report", "blind", "examples")
 """Lowest first; what stands beside them (the command) may use all."""
 
 
