@@ -14,7 +14,7 @@ from simgap.console import called, fail, print_diagnosis, progress, write_diagno
 from simgap.data.errors import GapInputError
 from simgap.data.mapping import load_map
 from simgap.data.plant import build_plant, load_spec
-from simgap.data.recording import load_table, recording_from_table
+from simgap.data.recording import load_recording
 from simgap.effects.library import load_effects
 
 _PROGRAM = ("nermo", "gap")
@@ -38,7 +38,7 @@ def _gap() -> None:
 @gap_app.command("diagnose")
 def diagnose_command(
     recordings: Annotated[
-        list[Path], typer.Argument(help="MCAPs of this system, or tables (.csv, .npz, .parquet) with a header.")
+        list[Path], typer.Argument(help="MCAPs of this system; tables or bags of any robot with --model and --map.")
     ],
     robot: Annotated[
         str | None, typer.Option(help="nermo, nermo_lite or a parameter file; by default what the recording says.")
@@ -59,9 +59,10 @@ def diagnose_command(
       nermo gap diagnose recordings/today --robot nermo --out diagnosis
       nermo gap diagnose log.csv --model robot.xml --map map.yaml --json diagnosis.json
     """
-    mouse = robot is not None or any(r.suffix.lower() == ".mcap" or r.is_dir() for r in recordings)
-    if mouse and (model is not None or map_ is not None):
-        fail("--model and --map are for tables of other robots; a recording of the mouse brings its own (--robot)", 2)
+    other = model is not None or map_ is not None
+    if robot is not None and other:
+        fail("--robot is a mouse with model and map of its own; --model and --map are for other robots", 2)
+    mouse = robot is not None or (not other and any(r.suffix.lower() == ".mcap" or r.is_dir() for r in recordings))
     if not mouse and (model is None or map_ is None):
         fail("a table needs --model MODEL.xml and --map MAP.yaml, or --robot where it is one of the mouse", 2)
     try:
@@ -70,7 +71,7 @@ def diagnose_command(
             options = Options(seed, None, extra, {}, baselines, tuple(only or ()), say)
             if model is not None and map_ is not None:
                 plant = build_plant(load_spec(model), load_map(map_))
-                tables = [recording_from_table(load_table(r), plant, str(r)) for r in recordings]
+                tables = [load_recording(r, plant) for r in recordings]
                 found = diagnose(tables, plant, options)
             else:
                 # What knows the mouse is imported only for the mouse.

@@ -8,7 +8,7 @@ among its likes is where the search for the whole robot begins as well.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -44,7 +44,8 @@ class Border:
         offset: of a servo at rest, report minus command; of a cable report minus what the joints say, on average.
         lag: [s] by which the report follows the command; NaN for a cable, or where nothing moves.
         spread: deviation of what offset is the mean of.
-        unit: of offset and spread.
+        unit: of offset, spread and noise.
+        noise: floor of the report.
         stands_out: names of the numbers (offset, lag, spread) in which it differs from its likes.
     """
 
@@ -54,6 +55,7 @@ class Border:
     lag: float
     spread: float
     unit: str
+    noise: float = 0.0
     stands_out: tuple[str, ...] = ()
 
     def told(self) -> dict[str, object]:
@@ -70,9 +72,8 @@ class Border:
 
 def borders(plant: Plant, aligned: Aligned, floor: Array) -> list[Border]:
     """Parts of a robot whose both ends are measured. ``floor`` (no,) is the outputs' noise."""
-    found = [*_servos(plant, aligned), *_cables(plant, aligned)]
-    finest = {kind: _finest(plant, aligned, floor, kind) for kind in ("servo", "cable")}
-    return [_compared(b, [o for o in found if o.kind == b.kind], finest[b.kind], aligned.period) for b in found]
+    found = [*_servos(plant, aligned, floor), *_cables(plant, aligned, floor)]
+    return [_compared(b, [o for o in found if o.kind == b.kind], aligned.period) for b in found]
 
 
 def hints(found: Sequence[Border]) -> list[tuple[str, str, float]]:
@@ -87,7 +88,7 @@ def hints(found: Sequence[Border]) -> list[tuple[str, str, float]]:
     return spoken
 
 
-def _servos(plant: Plant, aligned: Aligned) -> list[Border]:
+def _servos(plant: Plant, aligned: Aligned, floor: Array) -> list[Border]:
     made = []
     for i, command in enumerate(plant.inputs):
         if command.actuator < 0 or command.kind != "position" or command.measured:
@@ -98,7 +99,7 @@ def _servos(plant: Plant, aligned: Aligned) -> list[Border]:
         index, channel = report
         told = aligned.inputs[:, i] / plant.model.actuator_gear[command.actuator, 0]
         said = channel.coordinate(aligned.outputs[:, index]) if channel.qpos >= 0 else aligned.outputs[:, index]
-        ok = aligned.valid[:, index]
+        ok = aligned.valid[:, index] & aligned.enabled
         error = (said - told)[_resting(aligned, told) & ok]
         rests = len(error) >= _FEW
         made.append(
@@ -109,6 +110,7 @@ def _servos(plant: Plant, aligned: Aligned) -> list[Border]:
                 _lag(aligned, told, said, ok),
                 float(error.std()) if rests else np.nan,
                 channel.unit,
+                float(floor[index] / abs(channel.gear)),
             )
         )
     return made
@@ -171,7 +173,7 @@ def _delayed(values: Array, steps: int) -> Array:
     return np.concatenate([np.full(min(steps, len(values)), values[0]), values[: len(values) - steps]])
 
 
-def _cables(plant: Plant, aligned: Aligned) -> list[Border]:
+def _cables(plant: Plant, aligned: Aligned, floor: Array) -> list[Border]:
     """Lengths that are measured at a motor against those that the joints' encoders give."""
     model = plant.model
     measured = {int(o.qpos): i for i, o in enumerate(plant.outputs) if o.qpos >= 0 and aligned.live[i]}
@@ -196,9 +198,8 @@ def _cables(plant: Plant, aligned: Aligned) -> list[Border]:
         ok = aligned.valid[rows, i] & np.all([aligned.valid[rows, measured[q]] for q in _driven(model, output)], axis=0)
         if ok.sum() >= _FEW:
             error = (aligned.outputs[rows, i] - lengths[:, i])[ok]
-            made.append(
-                Border(output.name, "cable", float(np.median(error)), np.nan, float(error.std()), output.unit or "m")
-            )
+            unit, noise = output.unit or "m", float(floor[i])
+            made.append(Border(output.name, "cable", float(np.median(error)), np.nan, float(error.std()), unit, noise))
     return made
 
 
@@ -213,36 +214,17 @@ def _driven(model: mujoco.MjModel, output: OutputChannel) -> set[int]:
         tendon = int(model.actuator_trnid[index, 0])
     if tendon < 0:
         return set()
-    jacobian = np.zeros((model.ntendon, model.nv))
-    if model.is_sparse if hasattr(model, "is_sparse") else False:
-        return set()
-    flat = np.asarray(data.ten_J)
-    if flat.size == jacobian.size:
-        row = flat.reshape(jacobian.shape)[tendon]
-    else:
-        row = np.zeros(model.nv)
-        start, count = model.ten_J_rowadr[tendon], model.ten_J_rownnz[tendon]
-        row[model.ten_J_colind[start : start + count]] = flat.ravel()[start : start + count]
-    dofs = np.flatnonzero(np.abs(row) > 1e-9)
+    first, count = int(model.ten_J_rowadr[tendon]), int(model.ten_J_rownnz[tendon])
+    arms = np.abs(np.asarray(data.ten_J).ravel()[first : first + count])
+    dofs = np.asarray(model.ten_J_colind)[first : first + count][arms > 1e-9]
     return {int(model.jnt_qposadr[model.dof_jntid[d]]) for d in dofs}
 
 
-def _finest(plant: Plant, aligned: Aligned, floor: Array, kind: str) -> float:
-    """What cannot be told apart in the parts of a kind, in their unit: a noise floor of their reports."""
-    mine = [
-        floor[i]
-        for i, o in enumerate(plant.outputs)
-        if aligned.live[i] and ((o.sensor_type in _LAST) == (kind == "cable") or o.qpos >= 0)
-    ]
-    return float(np.median(mine)) if mine else 0.0
-
-
-def _compared(mine: Border, likes: Sequence[Border], finest: float, period: float) -> Border:
+def _compared(mine: Border, likes: Sequence[Border], period: float) -> Border:
     """The same, with what stands out among its likes."""
     if len(likes) < LIKES:
         return mine
-    out = []
-    least = {"offset": max(STANDS_OUT * finest, 1e-9), "lag": 2.0 * period, "spread": max(STANDS_OUT * finest, 1e-9)}
+    out, least = [], dict.fromkeys(("offset", "spread"), STANDS_OUT * mine.noise) | {"lag": 2.0 * period}
     for name in ("offset", "lag", "spread"):
         others = np.array([getattr(o, name) for o in likes if o is not mine])
         others, value = others[np.isfinite(others)], getattr(mine, name)
@@ -251,6 +233,10 @@ def _compared(mine: Border, likes: Sequence[Border], finest: float, period: floa
         away = abs(value - np.median(others))
         usual = 1.4826 * float(np.median(np.abs(others - np.median(others))))
         steady = name != "offset" or not mine.spread > abs(value)
-        if away > max(STANDS_OUT * usual, least[name]) and steady and not (name == "spread" and value < np.median(others)):
+        if (
+            away > max(STANDS_OUT * usual, least[name])
+            and steady
+            and not (name == "spread" and value < np.median(others))
+        ):
             out.append(name)
-    return Border(mine.part, mine.kind, mine.offset, mine.lag, mine.spread, mine.unit, tuple(out))
+    return replace(mine, stands_out=tuple(out))

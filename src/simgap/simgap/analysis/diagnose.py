@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import simgap
+from simgap.analysis.borders import borders, hints
 from simgap.analysis.experiment import GenericMenu, Menu
 from simgap.analysis.explanation import explain
 from simgap.analysis.free_running import FreeRun
@@ -146,7 +147,8 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     residuals = Residuals.build(replayer, nominal)
     fitter = Fitter(residuals, nuisances)
     effort = options.effort or (HEAVY if plant.model.nv > LIGHT else Effort())
-    selector = Selector(fitter, effects, options.seed, options.progress, effort, budget)
+    near = borders(plant, aligned, floor)
+    selector = Selector(fitter, effects, options.seed, options.progress, effort, budget, hints(near))
     selection = selector.run()
     if not budget.left_out:
         Chance(selector).reconsider(selection, thorough=plant.model.nv <= LIGHT)
@@ -171,6 +173,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     options.say("free runs", 0.0)
     keys, runs = explain(fitter, selector.scores, selection, report, options.seed)
     report |= keys
+    report["borders"] = [b.told() for b in near]
     report["next_experiment"] = proposal.report() if proposal else None
     report["warnings"] = warnings + [w for w in [budget.warning()] if w]
     report["time_step_s"] = float(plant.model.opt.timestep)

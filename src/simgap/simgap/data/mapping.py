@@ -1,18 +1,21 @@
-"""MAP.yaml: which column of a recording is which actuator or sensor of the model, in which unit."""
+"""MAP.yaml: which column or message field of a recording is which actuator or sensor of the model, in which unit."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from simgap.data.errors import GapInputError
+from simgap.data.faults import first_fault
 
 Kind = Literal["position", "velocity", "torque", "voltage"]
 Quantity = Literal["position", "velocity", "acceleration", "orientation", "angular_velocity", "torque", "force"]
 Component = Literal["x", "y", "z", "w", "roll", "pitch", "yaw"]
+BAG_TIME = "time"
+"""Column [s] that a bag's stamps become."""
 
 
 class _Row(BaseModel):
@@ -20,16 +23,59 @@ class _Row(BaseModel):
 
 
 class TimeRow(_Row):
-    """The time column; ``offset`` is not needed, any origin will do."""
+    """The time column; ``offset`` is not needed, any origin will do. A bag brings its own."""
+
+    column: str = BAG_TIME
+    unit: str | None = None
+    clock: Literal["header", "received"] | None = None
+    """Of a bag: the stamps in the messages' headers, or when the recorder got them; by default the headers' where all
+    messages of the map have one."""
+
+
+class ChannelRow(_Row):
+    """A column of a table, or a field of a bag's messages (``topic`` and ``field``): one of the two."""
 
     column: str
-    unit: str | None = None
+    """Of a field it is made up: topic, field and element, as reports show it."""
+    topic: str | None = None
+    field: str | None = None
+    """Dotted, as in the message's definition: ``position``, ``pose.pose.position.x``, ``points.positions``."""
+    index: int | None = Field(default=None, ge=0)
+    """Which element of a field that is an array."""
+    named: str | None = None
+    """Which element, by the name that stands beside the array in the message (``name``, ``joint_names``); by default
+    the row's joint."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _source(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        has_column, has_topic = data.get("column") is not None, data.get("topic") is not None
+        if has_column == has_topic:
+            raise ValueError("give column (of a table), or topic and field (of a bag)")
+        if has_column:
+            alone = [key for key in ("field", "index", "named") if data.get(key) is not None]
+            if alone:
+                raise ValueError(f"{alone[0]} goes with a topic, not with a column")
+            return data
+        if data.get("field") is None:
+            raise ValueError(f"topic {data['topic']} needs a field, such as position or data")
+        if data.get("index") is not None and data.get("named") is not None:
+            raise ValueError("give index or named, not both")
+        element = data.get("index") if data.get("index") is not None else data.get("named") or data.get("joint")
+        parts = [str(e) for e in (element, data.get("component")) if e is not None]
+        return {**data, "column": f"{data['topic']}.{data['field']}" + "".join(f"[{part}]" for part in parts)}
+
+    @property
+    def element(self) -> str | int | None:
+        """Name or index of the element of an array, or None where the row says none."""
+        return self.index if self.index is not None else self.named or getattr(self, "joint", None)
 
 
-class InputRow(_Row):
+class InputRow(ChannelRow):
     """What the robot was told (actuator), or what was measured to act on it (joint, ``measured: true``)."""
 
-    column: str
     unit: str | None = None
     actuator: str | None = None
     joint: str | None = None
@@ -41,6 +87,9 @@ class InputRow(_Row):
 
     @model_validator(mode="after")
     def _target(self) -> InputRow:
+        # In a bag's row, a joint beside an actuator says which element of the message.
+        if self.topic is not None and self.actuator is not None:
+            return self
         if (self.actuator is None) == (self.joint is None):
             raise ValueError("give exactly one of actuator and joint")
         if self.joint is not None and self.kind != "torque":
@@ -48,10 +97,9 @@ class InputRow(_Row):
         return self
 
 
-class OutputRow(_Row):
+class OutputRow(ChannelRow):
     """What was measured: a sensor of the model, or a quantity of a joint, body, site or tendon."""
 
-    column: str
     unit: str | None = None
     sensor: str | None = None
     joint: str | None = None
@@ -67,6 +115,8 @@ class OutputRow(_Row):
     @model_validator(mode="after")
     def _target(self) -> OutputRow:
         named = [n for n in ("sensor", "joint", "body", "site", "tendon") if getattr(self, n) is not None]
+        if self.topic is not None and named == ["sensor", "joint"]:
+            named.remove("joint")
         if len(named) != 1:
             raise ValueError("give exactly one of sensor, joint, body, site and tendon")
         if named != ["sensor"] and self.quantity is None:
@@ -81,29 +131,32 @@ class GainRow(_Row):
     kd: float = Field(default=0.0, ge=0.0)
 
 
-class SegmentRow(_Row):
+class SegmentRow(ChannelRow):
     """A column that numbers the runs of a recording, and the runs that are kept for scoring."""
 
-    column: str
     held_out: tuple[float, ...] = ()
 
 
-class AuxiliaryRow(_Row):
+class AuxiliaryRow(ChannelRow):
     """A channel that may explain or contradict an effect (supply voltage, temperature...)."""
 
-    column: str
     unit: str | None = None
+
+
+class EnabledRow(ChannelRow):
+    """Whether the servos give torque: true or 1; while it is false or 0 they give none, whatever they are told."""
 
 
 class Map(_Row):
     """A whole MAP.yaml (see docs/gap.md for an example)."""
 
-    time: TimeRow
+    time: TimeRow = TimeRow()
     inputs: tuple[InputRow, ...] = ()
     outputs: tuple[OutputRow, ...] = ()
     gains: dict[str, GainRow] = {}
     segments: SegmentRow | None = None
     auxiliary: tuple[AuxiliaryRow, ...] = ()
+    enabled: EnabledRow | None = None
     source: str = Field(default="map", exclude=True)
 
     @model_validator(mode="after")
@@ -115,7 +168,24 @@ class Map(_Row):
                 if row.column in seen and group == seen[row.column].split("[")[0]:
                     raise ValueError(f"{where}: column {row.column!r} is already used by {seen[row.column]}")
                 seen[row.column] = where
+        if len({row.topic is None for row in self.channels.values()}) > 1:
+            raise ValueError("some rows name a column and some a topic; a map is for tables or for bags")
+        if self.channels and not self.of_bag and "column" not in self.time.model_fields_set:
+            raise ValueError("time is missing; it needs a column and a unit, such as {column: t, unit: s}")
         return self
+
+    @property
+    def channels(self) -> dict[str, ChannelRow]:
+        """Every row that is read from the recording, by its place in the map; time is not among them."""
+        rows: dict[str, ChannelRow] = {}
+        for group in ("inputs", "outputs", "auxiliary"):
+            rows |= {f"{group}[{i}]": row for i, row in enumerate(getattr(self, group))}
+        return rows | {k: row for k in ("segments", "enabled") if (row := getattr(self, k)) is not None}
+
+    @property
+    def of_bag(self) -> bool:
+        """Whether the rows name topics of a bag, not columns of a table."""
+        return any(row.topic is not None for row in self.channels.values())
 
 
 def load_map(path: str | Path) -> Map:
@@ -141,8 +211,4 @@ def parse_map(data: dict[str, object], source: str = "map") -> Map:
     try:
         return Map.model_validate({**data, "source": source})
     except ValidationError as error:
-        first = error.errors()[0]
-        row = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
-        value = first.get("input")
-        shown = f", got {value!r}" if isinstance(value, str | int | float | bool) else ""
-        raise GapInputError(f"{source}: {row or 'map'}: {first['msg'].removeprefix('Value error, ')}{shown}") from error
+        raise GapInputError(f"{source}: {first_fault(error, Map)}") from error

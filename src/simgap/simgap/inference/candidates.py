@@ -22,6 +22,8 @@ Ints = NDArray[np.int64]
 Progress = Callable[[str, float], None]
 Start = tuple[Effect, Array, Array]
 """An effect, its parameters' values, and those of all nuisances."""
+Hint = tuple[str, str, float]
+"""Name, site and value of an effect for which a part speaks that was looked at by itself."""
 
 SURVIVORS = 10
 FIT_WINDOWS = 30
@@ -82,6 +84,18 @@ class Candidates:
     ) -> None:
         self.fitter, self.effects, self.scores = fitter, list(effects), scores
         self.effort, self._progress = effort, progress
+
+    def hinted(self, hints: Sequence[Hint]) -> list[Start]:
+        """Starts for what single parts speak for, as far as a candidate says it; nominal numbers untouched."""
+        assert self.fitter.nominal is not None
+        found = []
+        for name, site, value in hints:
+            for effect in self.effects:
+                if (effect.name, effect.site.name) == (name, site) and len(effect.parameters) == 1:
+                    parameter = effect.parameters[0]
+                    x = np.clip([value], parameter.low, parameter.high)
+                    found.append((effect, x, np.zeros_like(self.fitter.nominal.z)))
+        return found
 
     def screened_about_nominal(self) -> list[Screened]:
         """Screen about the untouched nominal model: the nuisances' best fit may have swallowed half of an effect."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from simgap.effects.base import Effect
 from simgap.effects.growing import MIN_DURATION, Growing
 from simgap.inference.budget import Budget, OutOfTimeError
-from simgap.inference.candidates import FAVOURITES, Candidates, Effort, Progress, by_score
+from simgap.inference.candidates import FAVOURITES, Candidates, Effort, Hint, Progress, by_score
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Hypothesis
 from simgap.inference.model_selection import (
@@ -74,7 +74,9 @@ class Selector:
         progress: Progress | None = None,
         effort: Effort | None = None,
         budget: Budget | None = None,
+        hints: Sequence[Hint] = (),
     ) -> None:
+        self._hints = list(hints)
         self._effort, self.budget = effort or Effort(), budget or Budget()
         self.fitter, self.effects, self.scores, self.seed = fitter, list(effects), Scores(fitter, seed), seed
         self.candidates = Candidates(fitter, self.effects, self.scores, self._effort, self.budget.watch(progress))
@@ -134,7 +136,8 @@ class Selector:
     def _compete(self, reference: Scored) -> Selection:
         screened = self.candidates.screened_about_nominal()
         self._found.screened = screened
-        singles = self.candidates.fitted([(s.effect, s.x, s.z) for s in screened[: self._effort.survivors]], reference)
+        starts = [(s.effect, s.x, s.z) for s in screened[: self._effort.survivors]]
+        singles = self.candidates.fitted([*self.candidates.hinted(self._hints), *starts], reference)
         self._found.singles = singles
         singles, reference = self.candidates.finals(singles, reference, screened[:FAVOURITES])
         gap = self._nominal_gap()
