@@ -14,6 +14,8 @@ from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
 
+_ROUNDING = 1e-9
+"""Rows: a step that begins with a switch, to the last bit, sees it."""
 _CONTACT_STIFFNESS = 0.7
 """Stiffness of the flanks of a play, as a share of what one time step can carry: inertia / dt^2."""
 
@@ -157,7 +159,9 @@ class Switch:
 
     def on(self, position: float) -> NDArray[np.bool_]:
         """Whether those of each simulation (n,) are on, ``position`` rows after its origin."""
-        found: NDArray[np.bool_] = self._enabled[np.minimum(self._origin + int(position), len(self._enabled) - 1)]
+        found: NDArray[np.bool_] = self._enabled[
+            np.minimum(self._origin + int(position + _ROUNDING), len(self._enabled) - 1)
+        ]
         return found
 
     def at(self, position: float) -> None:
