@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import simgap
+from simgap.analysis import self_contact
 from simgap.analysis.borders import borders, hints
 from simgap.analysis.experiment import GenericMenu, Menu
 from simgap.analysis.explanation import explain
@@ -35,7 +36,7 @@ from simgap.inference.budget import Budget
 from simgap.inference.candidates import Effort
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
-from simgap.inference.nuisance import Nuisance, enumerate_nuisances
+from simgap.inference.nuisance import BOX, Nuisance, enumerate_nuisances
 from simgap.inference.residual import Residuals
 from simgap.inference.select import Selection, Selector
 from simgap.inference.stochastic_link import PATTERN, Chance
@@ -133,7 +134,8 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     aligned = align(concatenate(list(recordings)), plant)
     floor = np.maximum(noise_floor(aligned), [options.resolution.get(o.name, 0.0) for o in plant.outputs])
     warnings = [*plant.warnings, *aligned.warnings]
-    warnings += check_map(plant, aligned, measured_state(plant, aligned, floor))
+    state = measured_state(plant, aligned, floor)
+    warnings += [*check_map(plant, aligned, state), *self_contact.warnings(plant, state)]
     nominal = Variant.nominal(plant)
     replayer = _replayer(plant, aligned, floor, nominal, options)
     windows = replayer.windows
@@ -175,11 +177,24 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     report |= keys
     report["borders"] = [b.told() for b in near]
     report["next_experiment"] = proposal.report() if proposal else None
-    report["warnings"] = warnings + [w for w in [budget.warning()] if w]
+    report["warnings"] = warnings + [w for w in (_late(selection.best.fit, fitter), budget.warning()) if w]
     report["time_step_s"] = float(plant.model.opt.timestep)
     report["replayed_s"] = replayer.simulated_seconds
     report["wall_s"] = time.monotonic() - started
     return Diagnosis(verdict, selection, selector, aligned, report, proposal, options.menu, runs)
+
+
+def _late(fit: Fit, fitter: Fitter) -> str:
+    """A word on inputs whose timing sits where its tolerance ends; empty where it does not."""
+    for nuisance, z in zip(fitter.nuisances, fit.z, strict=True):
+        if nuisance.name == "timing of inputs" and abs(z) > 0.999 * BOX:
+            late = nuisance.described().value(float(z))
+            return (
+                f"the timing of inputs sits at its limit ({1e3 * late:+.0f} ms): commands may act "
+                f"{'later' if late > 0 else 'earlier'} than their stamps by more than that; look at the clocks, and at "
+                "link_latency and servo_delay"
+            )
+    return ""
 
 
 def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, options: Options) -> Replayer:

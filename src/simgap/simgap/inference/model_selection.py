@@ -23,6 +23,9 @@ RELEVANT = 0.10
 """An effect must take at least this share of the gap (or as much strain off the priors as EVIDENCE)."""
 MORE = 0.3
 """Any further effect must take this share of what the typical window is left with above the noise floor."""
+FURTHER = 0.1
+"""Or this share of what the first effect earns: as much as two laws may differ by that are told apart with a
+probability of 0.9 (`decision.LAW_ERROR`). Real robots have several causes, and no law that leaves little."""
 _OUT = 3.0
 """Unless it takes so many times what any other effect takes in its place: the misfit of a law has no such favourite."""
 UNEXPLAINED = 2.0
@@ -139,12 +142,19 @@ def stands_out(without: Fit, with_: Fit, others: Sequence[Scored]) -> bool:
     return without.cost - with_.cost > _OUT * max([EVIDENCE_MORE, *rest])
 
 
-def earns(scores: Scores, without: Scored, with_: Scored, looked_at: int, unrivalled: bool = False) -> bool:
+def earns(
+    scores: Scores,
+    without: Scored,
+    with_: Scored,
+    looked_at: int,
+    unrivalled: bool = False,
+    first: float = np.inf,
+) -> bool:
     """Whether the larger hypothesis is worth having.
 
-    Of one effect more, a good part of what is left above the noise floor is asked: nothing is quite as its model
-    says (a friction's law, a servo's), and there is always some effect that takes a little of that; not of one that is
-    ``unrivalled``.
+    Of one effect more, a good part of what is left above the noise floor is asked, or of what the ``first`` effect
+    earned [nats]: nothing is quite as its model says (a friction's law, a servo's), and there is always some effect
+    that takes a little of that; not of one that is ``unrivalled``.
     """
     gain, low, _ = scores.difference(without.fit, with_.fit)
     if without.fit.likelihood is None and with_.fit.likelihood is None:
@@ -157,6 +167,7 @@ def earns(scores: Scores, without: Scored, with_: Scored, looked_at: int, unriva
     ]
     if without.fit.hypothesis.effects:
         relevant = any(after - 1.0 < (1.0 - MORE) * (before - 1.0) for before, after in shares)
+        relevant |= gain > FURTHER * first
         relevant |= unrivalled or (bool(without.fit.strained) and strain > EVIDENCE)
     else:
         shares.append((without.gap, with_.gap))

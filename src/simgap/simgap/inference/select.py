@@ -222,7 +222,8 @@ class Selector:
             return False
         present = {e.key for e in base.fit.hypothesis.effects}
         others, unrivalled = sum(e.key not in present for e in self.effects), stands_out(base.fit, best.fit, pairs)
-        if not earns(self.scores, base, best, others, unrivalled):
+        first = result.gains[0][0] if result.gains else np.inf
+        if not earns(self.scores, base, best, others, unrivalled, first):
             return False
         if unrivalled:
             result.unrivalled |= {e.key for e in best.fit.hypothesis.effects} - present
@@ -245,7 +246,8 @@ class Selector:
                 without.append(self.scores.scored(self.fitter.polish(self.fitter.fit(Hypothesis(rest), x, full.z))))
             simpler = min(without, key=by_score)
             lost = {e.key for e in full.hypothesis.effects} - {e.key for e in simpler.fit.hypothesis.effects}
-            if earns(self.scores, simpler, result.best, len(self.effects), lost <= result.unrivalled):
+            first = self.scores.difference(result.reference.fit, simpler.fit)[0]
+            if earns(self.scores, simpler, result.best, len(self.effects), lost <= result.unrivalled, first):
                 result.gains = [self.scores.difference(w.fit, full) for w in without]
                 return
             others = result.singles if len(simpler.fit.hypothesis.effects) == 1 else without
