@@ -52,7 +52,7 @@ def warnings(plant: Plant, state: MeasuredState) -> list[str]:
     """A sentence for each pair of bodies that overlap."""
     return [
         f"the nominal model touches itself: {one} and {two} overlap in {100 * share:.0f} % of the measured poses; if "
-        "the robot's parts do not touch there, exclude the contact in the model (<contact><exclude .../></contact>), or "
-        "it will be taken for a stop or a soft foot"
+        "the robot's parts do not touch there, exclude the contact in the model (<contact><exclude .../></contact>), "
+        "or it will be taken for a stop or a soft foot"
         for (one, two), share in sorted(self_contacts(plant, state).items(), key=lambda item: -item[1])
     ]
