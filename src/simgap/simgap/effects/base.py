@@ -37,6 +37,7 @@ class Parameter:
         scale: the size of a noticeable change; also the step of finite differences, times a small factor.
         strong: distance from neutral of the strongest try.
         log: whether it is a factor, which may be wrong by decades: steps and distances are those of its logarithm.
+        far: further values to start from, decades away: near ones show nothing where a model is that wrong.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Parameter:
     tries: tuple[float, ...]
     scale: float
     log: bool = False
+    far: tuple[float, ...] = ()
 
     @property
     def strong(self) -> float:
@@ -132,6 +134,10 @@ class Effect(ABC):
             return [(t,) for t in self.parameters[0].tries]
         middle = [p.tries[len(p.tries) // 2] for p in self.parameters]
         return [(t, *middle[1:]) for t in self.parameters[0].tries]
+
+    def far_starts(self) -> list[tuple[float, ...]]:
+        """Parameter values decades away to start from, where all parameters have some; the same for all parts."""
+        return list(zip(*(p.far for p in self.parameters), strict=True)) if self.one_size else []
 
     @property
     def one_size(self) -> bool:
@@ -238,7 +244,11 @@ def amount(
 
 
 def ratio(
-    name: str = "factor", tries: Sequence[float] = (0.5, 0.75, 1.3, 1.8), low: float = 0.002, high: float = 100.0
+    name: str = "factor",
+    tries: Sequence[float] = (0.5, 0.75, 1.3, 1.8),
+    low: float = 0.002,
+    high: float = 100.0,
+    far: Sequence[float] = (),
 ) -> Parameter:
     """A dimensionless factor whose neutral value is 1; published models are wrong by factors of fifty."""
-    return Parameter(name, "1", 1.0, low, high, tuple(tries), 0.3, log=True)
+    return Parameter(name, "1", 1.0, low, high, tuple(tries), 0.3, log=True, far=tuple(far))

@@ -15,6 +15,10 @@ from simgap.simulation.variant import Variant
 Obj = mujoco.mjtObj
 
 
+_FAR = (0.012, 0.05, 0.2, 5.0)
+"""Gains in published models are mostly too high: a hobby servo's 998 N m/rad, where it has 11 to 36."""
+
+
 def commanded(plant: Plant, kinds: Sequence[str]) -> list[int]:
     """Actuators that a recorded command of one of these kinds drives."""
     return sorted({c.actuator for c in plant.inputs if c.actuator >= 0 and c.kind in kinds and not c.measured})
@@ -125,7 +129,9 @@ class ServoGain(ByPart):
                 is_servo(context.model, a, 1) and context.model.actuator_biasprm[a, 2] != 0 for a in site.targets
             )
             for form in ("strength", "stiffness") if damped else ("",):
-                values = by_part(context, site, Obj.mjOBJ_ACTUATOR, lambda _: ratio(tries=(0.5, 0.75, 1.3, 1.7)))
+                values = by_part(
+                    context, site, Obj.mjOBJ_ACTUATOR, lambda _: ratio(tries=(0.5, 0.75, 1.3, 1.7), far=_FAR)
+                )
                 yield cls(site, values, form)
         measured = [i for i, c in enumerate(context.plant.inputs) if c.measured or c.actuator < 0]
         for i in measured:

@@ -81,14 +81,14 @@ def screen(
     chosen, done = list(effects), 0.0
     if hopeful is not None and len(chosen) > 1.3 * hopeful:
         crowd = len(chosen) > _CROWD
-        starts = {id(e): (_directions(e) if crowd else _moderate(e.starts())) for e in chosen}
+        starts = {id(e): (_directions(e) if crowd else _moderate(e.starts())) + _far(e, crowd) for e in chosen}
         few = informative_windows(fitter, fit, _GLANCE_CROWD if crowd else _GLANCE)
         ranked = _ranked(fitter, fit, chosen, starts, few, progress, (0.0, 0.6), crowd)
         # What a robot has but one of (its ground, its link) is no crowd.
         sites = places(chosen)
         hope = ranked[:hopeful] + [s for s in ranked[hopeful:] if sites[s.effect.name] == 1]
         chosen, done = [s.effect for s in hope], 0.6
-    starts = {id(e): e.starts() for e in chosen}
+    starts = {id(e): e.starts() + _far(e, len(effects) > _CROWD) for e in chosen}
     jobs = sum(len(tries) for tries in starts.values())
     count = int(np.clip(WINDOWS * _JOBS / max(jobs, 1), _FEWEST, WINDOWS))
     select = informative_windows(fitter, fit, count)
@@ -110,6 +110,11 @@ def _beyond(screened: Screened) -> tuple[float, ...] | None:
 def _moderate(starts: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
     """Of three the weaker two (a limit that is reached now and then shows little when far lower), of four the inner."""
     return starts[:2] if len(starts) == 3 else starts[1:-1] if len(starts) == 4 else starts
+
+
+def _far(effect: Effect, crowd: bool) -> list[tuple[float, ...]]:
+    """Starts decades away; in a crowd of groups only, for a model that is so wrong is so in more than one part."""
+    return effect.far_starts() if len(effect.site.targets) > 1 or not crowd else []
 
 
 def _directions(effect: Effect) -> list[tuple[float, ...]]:
