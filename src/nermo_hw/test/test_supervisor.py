@@ -241,6 +241,18 @@ def test_torque_is_limited_by_keeping_the_target_near() -> None:
     assert positions[tail] == pytest.approx(NEUTRAL[tail] + reach)
 
 
+def test_a_servo_whose_reading_cannot_be_is_not_led_to_where_it_says_it_is() -> None:
+    walk = Walk().released()
+    walk.servos_follow = False
+    tail = SERVOS.index("tail")
+    walk.sample = replace(GOOD, servo_positions=np.where(np.arange(len(SERVOS)) == tail, 2.0, NEUTRAL))
+    positions = [walk.tick().targets.positions[tail] for _ in range(400)]
+    assert walk.supervisor.state is State.CROUCH
+    assert np.abs(positions).max() <= abs(ROBOT.posture("crouch")["tail"])
+    walk.supervisor.stops.press("a test")
+    assert abs(walk.run(0.1).targets.positions[tail]) <= abs(ROBOT.posture("crouch")["tail"])
+
+
 @pytest.mark.parametrize(
     ("stamp", "names", "positions", "words"),
     [

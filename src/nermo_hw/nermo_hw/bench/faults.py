@@ -27,6 +27,8 @@ MOVING_S = 0.5
 """Until a servo of the walk has moved as far as it takes to notice that a reading does not."""
 PAUSES_S = 5.0
 """Of the walk in ten seconds of movement."""
+PATIENCE = 3.0
+"""So many times as late as it may be, a state is waited for before it counts as not reached."""
 _TRIALS = 5
 WATCHDOG_S = 0.5
 """Of the device (register watchdog)."""
@@ -196,6 +198,12 @@ INJECTIONS: tuple[Injection, ...] = (
         delay=PAUSES_S,
     ),
     Injection(
+        "battery_without_reading",
+        Cause.BATTERY_INVALID,
+        lambda rig: rig.device("unreadable", names=["battery"]),
+        lambda rig: rig.device("unreadable", names=[]),
+    ),
+    Injection(
         "battery_impossible",
         Cause.BATTERY_IMPLAUSIBLE,
         lambda rig: rig.device("voltage", value=12.0),
@@ -207,6 +215,18 @@ INJECTIONS: tuple[Injection, ...] = (
         lambda rig: rig.device("frozen", names=["front_left_hip"]),
         lambda rig: rig.device("frozen", names=[]),
         delay=MOVING_S,
+    ),
+    Injection(
+        "servo_without_reading",
+        Cause.SERVO_INVALID,
+        lambda rig: rig.device("unreadable", names=["front_left_hip"]),
+        lambda rig: rig.device("unreadable", names=[]),
+    ),
+    Injection(
+        "servo_impossible",
+        Cause.SERVO_IMPLAUSIBLE,
+        lambda rig: rig.device("angle_error", servo="tail", angle=2.0),
+        lambda rig: rig.device("angle_error", servo="tail", angle=0.0),
     ),
     *map(_bad_line, ("corrupt", "wrong_id", "replay", "delay")),
     Injection("cable_pulled", Cause.LINE_LOST, lambda rig: rig.device("unplug", seconds=1.0), lambda rig: None),
@@ -335,7 +355,7 @@ def _inject(rig: Rig, injection: Injection, wait: float) -> _Outcome:
     injection.do(rig)
     reached: int | None = None
     try:
-        rig.until(lambda: _reached(rig, injection, seen) is not None, injection.name, injection.within + 3.0)
+        rig.until(lambda: _reached(rig, injection, seen) is not None, injection.name, PATIENCE * injection.within)
         reached = _reached(rig, injection, seen)
     except CommandError:
         reached = None

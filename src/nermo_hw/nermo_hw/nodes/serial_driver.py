@@ -305,7 +305,7 @@ class SerialDriverNode(Node):
                     self._follower.forget()
             targets = None if positions is None else ServoTargets(positions)
             if not self._power:
-                targets = ServoTargets(sample.servo_positions, energised=False)
+                targets = ServoTargets(np.nan_to_num(sample.servo_positions), energised=False)
         if self._release_wanted and (sample is None or sample.faults & LATCHED):
             self._driver.release()
         self._sample = sample = self._driver.exchange(targets)
