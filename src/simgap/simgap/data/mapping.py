@@ -14,6 +14,11 @@ Kind = Literal["position", "velocity", "torque", "voltage"]
 Quantity = Literal["position", "velocity", "acceleration", "orientation", "angular_velocity", "torque", "force"]
 Component = Literal["x", "y", "z", "w", "roll", "pitch", "yaw"]
 
+LARGEST_MAP = 50_000
+"""Bytes. A map of a hundred channels has 10 000; PyYAML takes seconds for this."""
+DEEPEST = 20
+"""Collections within collections; a map has three. Python recurses for each."""
+
 
 class _Row(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -124,14 +129,31 @@ def load_map(path: str | Path) -> Map:
     """
     path = Path(path)
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+        with path.open("rb") as file:
+            data = _parse(file.read(LARGEST_MAP + 1))
     except OSError as error:
         raise GapInputError(f"{path}: cannot read the map ({error.strerror})") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise GapInputError(f"{path}: not a YAML file ({' '.join(str(error).split())})") from error
+    except (yaml.YAMLError, ValueError) as error:  # a ValueError comes of text, dates and numbers that cannot be
+        raise GapInputError(f"{path}: cannot be read as a map ({' '.join(str(error).split())})") from error
     if not isinstance(data, dict):
         raise GapInputError(f"{path}: a map needs the keys time, inputs and outputs")
     return parse_map(data, str(path))
+
+
+def _parse(text: bytes) -> object:
+    """Plain data of a YAML text of a map's measure. Raises yaml.YAMLError and ValueError."""
+    if len(text) > LARGEST_MAP:
+        raise yaml.YAMLError(f"longer than {LARGEST_MAP} bytes")
+    decoded, depth = text.decode("utf-8"), 0
+    for event in yaml.parse(decoded, yaml.SafeLoader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST:
+            raise yaml.MarkedYAMLError(problem=f"nested more than {DEEPEST} deep", problem_mark=event.start_mark)
+        if isinstance(event, yaml.AliasEvent):
+            raise yaml.MarkedYAMLError(
+                problem=f"the alias *{event.anchor}: a map is written without", problem_mark=event.start_mark
+            )
+    return yaml.safe_load(decoded)
 
 
 def parse_map(data: dict[str, object], source: str = "map") -> Map:
