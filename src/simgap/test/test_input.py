@@ -106,8 +106,8 @@ def test_map_file_errors_name_the_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (b"[" * 20_000, "nested more than 20 deep"),
-        (b"a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n", r"the alias \*a: a map is written without"),
+        (b"[" * 20_000, "nested more than 20 deep in line 1"),
+        (b"a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n", r"the alias \*a in line 2: a map is written without"),
         (b"a: [" + b"1, " * 30_000 + b"]", "longer than 50000 bytes"),
         (b"time: 2026-99-99\n", "month must be in 1..12"),
         (b"\xff\xfe\xfd", "can't decode"),

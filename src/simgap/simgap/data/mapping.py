@@ -148,12 +148,15 @@ def _parse(text: bytes) -> object:
     for event in yaml.parse(decoded, yaml.SafeLoader):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > DEEPEST:
-            raise yaml.MarkedYAMLError(problem=f"nested more than {DEEPEST} deep", problem_mark=event.start_mark)
+            raise yaml.YAMLError(f"nested more than {DEEPEST} deep in line {_line(event)}")
         if isinstance(event, yaml.AliasEvent):
-            raise yaml.MarkedYAMLError(
-                problem=f"the alias *{event.anchor}: a map is written without", problem_mark=event.start_mark
-            )
+            raise yaml.YAMLError(f"the alias *{event.anchor} in line {_line(event)}: a map is written without")
     return yaml.safe_load(decoded)
+
+
+def _line(event: yaml.Event) -> int:
+    assert event.start_mark is not None, "events of a text have one"
+    return event.start_mark.line + 1
 
 
 def parse_map(data: dict[str, object], source: str = "map") -> Map:
