@@ -27,6 +27,15 @@ MOVING_S = 0.5
 """Until a servo of the walk has moved as far as it takes to notice that a reading does not."""
 PAUSES_S = 5.0
 """Of the walk in ten seconds of movement."""
+STOPS_EARLIER = {
+    Cause.COMMAND_SILENCE,
+    Cause.COMMAND_LOST,
+    Cause.LINK_LOST,
+    Cause.LONG_SILENCE,
+    Cause.LINE_LOST,
+    Cause.DEVICE_LIMP,
+}
+"""Causes on whose way commands or the device are silent, which is noticed first."""
 PATIENCE = 3.0
 """So many times as late as it may be, a state is waited for before it counts as not reached."""
 _TRIALS = 5
@@ -50,6 +59,11 @@ class Injection:
     def state(self) -> State:
         """What it should lead to."""
         return State.LIMP if self.cause is None else RULE_OF[self.cause].state
+
+    @property
+    def walks_on(self) -> bool:
+        """Whether the robot follows until it has taken the state: where it stops earlier, the machine was busy."""
+        return self.cause is not None and self.cause not in STOPS_EARLIER
 
     @property
     def within(self) -> float:
@@ -197,8 +211,8 @@ def bench_faults(
     """Injects each fault `repeats` times at a random moment of the walk.
 
     A row has `state` (that should be reached), `reached` and `recovered` (how often), `time_s` (p50 and max, from the
-    injection), `within_s` (what it may take), and `executed_after` (commands that the device executed when it should
-    not follow any more).
+    injection), `within_s` (what it may take), `executed_after` (commands that the device executed when it should
+    not follow any more), and `disturbed` (trials that were repeated, as the robot stopped for another reason first).
 
     Raises NoNamespacesError, CommandError.
     """
@@ -224,11 +238,16 @@ def measure(
     progress: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
     """One row on a robot that walks."""
-    outcomes = []
-    for repeat in range(repeats):
-        progress(f"{injection.name} {repeat + 1}/{repeats}")
-        outcomes.append(_inject(rig, injection, float(random.uniform(0.2, 1.45))))
-    return _row(injection, outcomes)
+    outcomes: list[_Outcome] = []
+    disturbed = 0
+    while len(outcomes) < repeats:
+        progress(f"{injection.name} {len(outcomes) + 1}/{repeats}")
+        outcome = _inject(rig, injection, float(random.uniform(0.2, 1.45)))
+        if outcome.disturbed and disturbed < repeats:
+            disturbed += 1
+        else:
+            outcomes.append(outcome)
+    return _row(injection, outcomes) | {"disturbed": disturbed}
 
 
 def bench_cut(
@@ -272,6 +291,7 @@ class _Outcome:
     """Until the state; None where it was not reached."""
     recovered: bool
     executed_after: int
+    disturbed: bool
 
 
 def _walk(rig: Rig, seconds: float) -> None:
@@ -298,13 +318,15 @@ def _inject(rig: Rig, injection: Injection, wait: float) -> _Outcome:
         reached = None
     time.sleep(0.3)
     executed = _executed_after(rig, injection, begin)
+    other = next((entry for entry in rig.states()[seen:] if str(injection.cause) not in entry["causes"]), None)
     injection.undo(rig)
     recovered = True
     try:
         rig.release()
     except CommandError:
         recovered = False
-    return _Outcome(None if reached is None else (reached - begin) * 1e-9, recovered, executed)
+    seconds = None if reached is None else (reached - begin) * 1e-9
+    return _Outcome(seconds, recovered, executed, injection.walks_on and other is not None)
 
 
 def _reached(rig: Rig, injection: Injection, seen: int) -> int | None:
