@@ -128,6 +128,15 @@ def test_a_few_windows_far_off_are_no_case_of_no_gap() -> None:
     assert found.report["verdict"] == "unknown", found.report["reasons"]
 
 
+def test_of_a_robot_that_stood_still_nothing_is_known() -> None:
+    plant = plant_of("arm")
+    table = simulate("arm", 8.0, told=0.0)
+    found = diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=SOME[:2], threads=1))
+    assert found.report["verdict"] == "unknown"
+    assert "move each joint" in " ".join(found.report["reasons"])
+    assert sum("hardly moves" in warning for warning in found.report["warnings"]) == 2
+
+
 def test_friction_and_damping_are_not_taken_for_friction_alone() -> None:
     """Fitted with friction alone, a joint with both gives a confident wrong number: the pair, or no single effect."""
     report = _diagnose("pendulum", _both_frictions, 14.0).report

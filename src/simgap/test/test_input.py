@@ -103,6 +103,24 @@ def test_map_file_errors_name_the_file(tmp_path: Path) -> None:
             load_map(path)
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"[" * 20_000, "nested more than 20 deep in line 1"),
+        (b"a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n", r"the alias \*a in line 2: a map is written without"),
+        (b"a: [" + b"1, " * 30_000 + b"]", "longer than 50000 bytes"),
+        (b"time: 2026-99-99\n", "month must be in 1..12"),
+        (b"\xff\xfe\xfd", "can't decode"),
+        (b"- time\n", "needs the keys time, inputs and outputs"),
+    ],
+)
+def test_a_map_beyond_all_measure_is_refused_in_one_sentence(tmp_path: Path, text: bytes, message: str) -> None:
+    path = tmp_path / "map.yaml"
+    path.write_bytes(text)
+    with pytest.raises(GapInputError, match=f"map.yaml: .*{message}"):
+        load_map(path)
+
+
 def test_missing_column_suggests_the_nearest() -> None:
     table = simulate("arm", 5.0)
     table["q_0"] = table.pop("q0")

@@ -26,6 +26,7 @@ from simgap.analysis.isolability import confusion, isolability
 from simgap.analysis.localisation import Phases, bands, locate
 from simgap.analysis.next_experiment import Proposal, propose
 from simgap.data.align import Aligned, align
+from simgap.data.excitation import NOTHING_MOVED, excited, still_joints
 from simgap.data.noise_floor import noise_floor
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording, concatenate
@@ -136,6 +137,10 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     warnings = [*plant.warnings, *aligned.warnings]
     state = measured_state(plant, aligned, floor)
     warnings += [*check_map(plant, aligned, state), *self_contact.warnings(plant, state)]
+    warnings += [
+        f"joint {name} hardly moves: this recording says nothing about it"
+        for name in still_joints(plant, aligned, floor)
+    ]
     nominal = Variant.nominal(plant)
     replayer = _replayer(plant, aligned, floor, nominal, options)
     windows = replayer.windows
@@ -156,6 +161,9 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
         Chance(selector).reconsider(selection, thorough=plant.model.nv <= LIGHT)
     structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
     verdict = judge(selector, selection)
+    if verdict.kind in ("no_gap", "calibration") and not excited(plant, aligned, floor):
+        verdict.kind, verdict.reasons = "unknown", [NOTHING_MOVED]
+        verdict.open = [*(s.fit for s in selection.singles[:2]), selection.reference.fit]
     if verdict.kind == "unknown":
         share, frequency = repeating_share(residuals, selection.best.fit.residual)
         # A gait repeats too, and with it whatever is wrong with it; commands and motion predict that.

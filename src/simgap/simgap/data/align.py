@@ -270,7 +270,10 @@ def _live(outputs: Array, valid: Array, plant: Plant, warnings: list[str]) -> ND
         else:
             warnings.append(f"output {channel.name}: never changes; taken for a dead channel and not scored")
     if not live.any():
-        raise GapInputError("no output of the recording ever changes; there is nothing to compare")
+        raise GapInputError(
+            "no output of the recording ever changes; there is nothing to compare: move each joint, and see that it is "
+            "measured"
+        )
     return live
 
 

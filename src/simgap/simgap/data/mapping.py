@@ -17,6 +17,11 @@ Component = Literal["x", "y", "z", "w", "roll", "pitch", "yaw"]
 BAG_TIME = "time"
 """Column [s] that a bag's stamps become."""
 
+LARGEST_MAP = 50_000
+"""Bytes. A map of a hundred channels has 10 000; PyYAML takes seconds for this."""
+DEEPEST = 20
+"""Collections within collections; a map has three. Python recurses for each."""
+
 
 class _Row(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -196,14 +201,34 @@ def load_map(path: str | Path) -> Map:
     """
     path = Path(path)
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+        with path.open("rb") as file:
+            data = _parse(file.read(LARGEST_MAP + 1))
     except OSError as error:
         raise GapInputError(f"{path}: cannot read the map ({error.strerror})") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise GapInputError(f"{path}: not a YAML file ({' '.join(str(error).split())})") from error
+    except (yaml.YAMLError, ValueError) as error:  # a ValueError comes of text, dates and numbers that cannot be
+        raise GapInputError(f"{path}: cannot be read as a map ({' '.join(str(error).split())})") from error
     if not isinstance(data, dict):
         raise GapInputError(f"{path}: a map needs the keys time, inputs and outputs")
     return parse_map(data, str(path))
+
+
+def _parse(text: bytes) -> object:
+    """Plain data of a YAML text of a map's measure. Raises yaml.YAMLError and ValueError."""
+    if len(text) > LARGEST_MAP:
+        raise yaml.YAMLError(f"longer than {LARGEST_MAP} bytes")
+    decoded, depth = text.decode("utf-8"), 0
+    for event in yaml.parse(decoded, yaml.SafeLoader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST:
+            raise yaml.YAMLError(f"nested more than {DEEPEST} deep in line {_line(event)}")
+        if isinstance(event, yaml.AliasEvent):
+            raise yaml.YAMLError(f"the alias *{event.anchor} in line {_line(event)}: a map is written without")
+    return yaml.safe_load(decoded)
+
+
+def _line(event: yaml.Event) -> int:
+    assert event.start_mark is not None, "events of a text have one"
+    return event.start_mark.line + 1
 
 
 def parse_map(data: dict[str, object], source: str = "map") -> Map:
