@@ -58,7 +58,8 @@ def test_knees_that_rest_in_the_stance_give_way_and_the_robot_s_own_do_not(ran, 
         assert stiff[f"{pair}_knee_yield_p95_deg"] < 0.5
         assert soft[f"{pair}_knee_yield_p95_deg"] > 3.0
     assert soft["speed_m_s"] < stiff["speed_m_s"]
-    assert 0 < stiff["claims_within"] <= stiff["claims"]
+    for half in ("fitted", "checked"):
+        assert 0 < stiff[f"{half}_within"] <= stiff[half]
 
 
 def test_a_changed_claim_holds_with_some_knees_and_not_with_others(ran) -> None:
@@ -67,3 +68,4 @@ def test_a_changed_claim_holds_with_some_knees_and_not_with_others(ran) -> None:
     for claim in claims:
         assert len(claim["ours"]) == len(claim["within"]) == 2
         assert set(claim["within"]) == {True, False}
+        assert claim["half"] in ("fitted", "checked")

@@ -7,15 +7,16 @@ to the neutral stance, the sooner. This experiment says what that costs, claim b
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 from nermo_description.blocks.leg import knee_angle
 from nermo_description.parameters import RobotParameters
 from nermo_sim.console import print_rows
 from nermo_sim.experiments import balance, maze, straight_line, turning
 from nermo_sim.experiments.claims import summary
+from nermo_sim.experiments.claims.halves import Half
 from nermo_sim.experiments.experiment import Experiment, Facts, Finished, Row
 from nermo_sim.experiments.lookup import pick
 from nermo_sim.experiments.runs import Job, Result, Settings
@@ -114,7 +115,7 @@ def claims_of(facts: Facts) -> dict[str, Row]:
 
 
 def table(cases: Sequence[Case], settings: Settings, robot: RobotParameters, results: list[list[Result]]) -> list[Any]:
-    """One row a share: how far the knees give way, how the mouse walks, and how many claims hold."""
+    """One row a share: how far the knees give way, how the mouse walks, and how many claims hold, by half."""
     rows = []
     for share in dict.fromkeys(case.share for case in cases):
         facts, knees = facts_of(cases, settings, results, share), softer(robot, share)
@@ -136,11 +137,20 @@ def table(cases: Sequence[Case], settings: Settings, robot: RobotParameters, res
                 "spine_speed_m_s": spine["speed_m_s"],
                 **{name: plain[name] for name in ("roll_sd_deg", "pitch_sd_deg", "pitch_mean_deg")},
                 "lifts_as_thesis": sum(row["passed"] == row["thesis_passed"] for row in facts["balance"]["rows"]),
-                "claims_within": sum(row["within"] for row in claims.values()),
-                "claims": len(claims),
+                **_counts(claims.values()),
             }
         )
     return rows
+
+
+def _counts(claims: Iterable[Row]) -> dict[str, int]:
+    """How many claims hold, of how many, by half."""
+    groups = {half: [bool(row["within"]) for row in claims if row["half"] == half] for half in get_args(Half)}
+    return {
+        name: count
+        for half, within in groups.items()
+        for name, count in ((f"{half}_within", sum(within)), (half, len(within)))
+    }
 
 
 def changed_claims(cases: Sequence[Case], settings: Settings, results: list[list[Result]]) -> list[Row]:
@@ -152,9 +162,9 @@ def changed_claims(cases: Sequence[Case], settings: Settings, results: list[list
         each = [found[share].get(name) for share in shares]
         holds = [row is not None and bool(row["within"]) for row in each]
         if len(set(holds)) > 1:
-            thesis = next(row["thesis"] for row in each if row is not None)
-            ours = [None if row is None else row["ours"] for row in each]
-            rows.append({"claim": name, "thesis": thesis, "ours": ours, "within": holds})
+            any_row = next(row for row in each if row is not None)
+            about = {key: any_row[key] for key in ("claim", "half", "thesis")}
+            rows.append({**about, "ours": [None if row is None else row["ours"] for row in each], "within": holds})
     return rows
 
 
@@ -167,11 +177,12 @@ def _notes(facts: Facts) -> None:
     shown = [
         {
             "claim": row["claim"],
+            "half": row["half"],
             **{f"at {share}": "yes" if holds else "no" for share, holds in zip(shares, row["within"], strict=True)},
         }
         for row in facts["changed_claims"]
     ]
-    print_rows("claims that hold with some knees only", shown, ("claim", *(f"at {share}" for share in shares)))
+    print_rows("claims that hold with some knees only", shown, ("claim", "half", *(f"at {share}" for share in shares)))
 
 
 EXPERIMENT = Experiment(
@@ -188,7 +199,7 @@ EXPERIMENT = Experiment(
     columns=(
         *("share", "front_knee_rest_rad", "rear_knee_rest_rad", "front_knee_yield_p95_deg", "rear_knee_yield_p95_deg"),
         *("speed_m_s", "spine_speed_m_s", "roll_sd_deg", "pitch_sd_deg", "pitch_mean_deg", "lifts_as_thesis"),
-        *("claims_within", "claims"),
+        *("fitted_within", "fitted", "checked_within", "checked"),
     ),
     cases=cases,
     run=run,
