@@ -128,11 +128,7 @@ def table(cases: Sequence[Case], settings: Settings, robot: RobotParameters, res
                 "share": share,
                 "repeats": plain["repeats"],
                 **{f"{pair}_knee_rest_rad": getattr(knees, f"{pair}_leg_dynamics").knee.rest for pair in PAIRS},
-                **{
-                    f"{pair}_knee_yield_{kind}_deg": plain[f"{pair}_knee_yield_{kind}_deg"]
-                    for pair in PAIRS
-                    for kind in ("mean", "p95")
-                },
+                **{name: plain[name] for name in plain if "_knee_yield_" in name},
                 "speed_m_s": plain["speed_m_s"],
                 "spine_speed_m_s": spine["speed_m_s"],
                 **{name: plain[name] for name in ("roll_sd_deg", "pitch_sd_deg", "pitch_mean_deg")},
@@ -198,6 +194,7 @@ EXPERIMENT = Experiment(
     """,
     columns=(
         *("share", "front_knee_rest_rad", "rear_knee_rest_rad", "front_knee_yield_p95_deg", "rear_knee_yield_p95_deg"),
+        *("front_knee_yield_touch_down_deg", "rear_knee_yield_lift_off_deg"),
         *("speed_m_s", "spine_speed_m_s", "roll_sd_deg", "pitch_sd_deg", "pitch_mean_deg", "lifts_as_thesis"),
         *("fitted_within", "fitted", "checked_within", "checked"),
     ),
