@@ -21,7 +21,7 @@ from nermo_sim.experiments.experiment import Experiment, Facts, Outcome
 from nermo_sim.experiments.losses import stride_losses
 from nermo_sim.experiments.orientation import mean_cycles, orientation_noise
 from nermo_sim.experiments.runs import FALLEN, Job, Result, Settings, mean, spread, standing_loop
-from nermo_sim.experiments.springs import LIFT_OFF, TOUCH_DOWN, spring_deflections
+from nermo_sim.experiments.springs import spring_deflections
 from nermo_sim.loop import constant
 from nermo_sim.recording import Recording
 from nermo_sim.twin import Twin
@@ -205,7 +205,7 @@ _SPRINGS = tuple(
     f"{place}_{joint}_yield_{kind}_deg"
     for joint in ("knee", "ankle")
     for place in ("front", "rear")
-    for kind in ("mean", "p95", TOUCH_DOWN, LIFT_OFF)
+    for kind in ("mean", "p95")
 )
 _CASE = ("gait", "frequency_hz", "stride_m", "spine", "offset_compensation")
 
