@@ -276,9 +276,9 @@ def _report(
 
 
 def _probabilities(verdict: Verdict) -> dict[str, float]:
-    """Of the verdict's causes, and of every set of causes that was kept."""
+    """Of the verdict, and of every set of causes that was kept."""
     sets = {" + ".join(sorted(c.names)) or "nominal numbers": c.probability for c in verdict.classes}
-    return {verdict.kind: verdict.probability, **{key: p for key, p in sets.items() if p > 1e-4}}
+    return {verdict.kind: verdict.sure, **{key: p for key, p in sets.items() if p > 1e-4}}
 
 
 def _model_name(plant: Plant) -> str:

@@ -64,6 +64,20 @@ class Verdict:
     angles: dict[str, float] = field(default_factory=dict)
     open: list[Fit] = field(default_factory=list)
 
+    @property
+    def sure(self) -> float:
+        """Probability that the verdict is right.
+
+        That its causes are those; of one that is ambiguous, that they are among the rivals it names; of one that is
+        unknown, that what was found is not the whole of it.
+        """
+        if self.kind == "unknown":
+            return 1.0 - self.explained * self.probability
+        if self.kind == "ambiguous":
+            told = [names(self.best.fit), *(names(f) for f in self.open)]
+            return sum(c.probability for c in self.classes if c.names in told)
+        return self.probability
+
 
 def judge(selector: Selector, selection: Selection) -> Verdict:
     """Decide what may be said of a competition's outcome."""
