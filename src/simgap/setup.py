@@ -16,17 +16,20 @@ setup(
     install_requires=[
         "jinja2>=3.0",
         "matplotlib>=3.7",
-        "mujoco>=4.0",
+        "mujoco-core>=4.0",  # MuJoCo without viewer and renderer, which `mujoco` brings along
         "numpy>=1.26",
         "pint>=0.24",
-        "pyarrow>=16",
         "pydantic>=2.0",
         "PyYAML>=6.0",
         "rich>=13",
         "scipy>=1.11",
         "typer>=0.12",
     ],
-    extras_require={"test": ["hypothesis", "pytest", "pytest-timeout"], "sysid": ["mujoco[sysid]>=4.0"]},
+    extras_require={
+        "bags": ["rosbags>=0.10"],
+        "parquet": ["pyarrow>=16"],
+        "test": ["hypothesis", "pytest", "pytest-timeout", "pyarrow>=16", "rosbags>=0.10"],
+    },
     zip_safe=False,
     maintainer="Nermo maintainers",
     maintainer_email="maintainers@nermo.example",

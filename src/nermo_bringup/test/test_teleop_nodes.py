@@ -127,7 +127,7 @@ def test_the_keyboard_drives_and_gives_the_terminal_back(graph, heard, ending: s
             shown.append(os.read(controller, 65536))
         return b"".join(shown)
 
-    graph.spin_until(lambda: b"EMERGENCY STOP, limp; 1 ends it" in screen(), "the help is shown")
+    graph.spin_until(lambda: b"EMERGENCY STOP, limp; 1 takes it back" in screen(), "the help is shown")
     graph.spin_until(lambda: graph.node.count_publishers("control_command") > 0, "teleop is in the graph")
     os.write(controller, b"w")
     graph.spin_until(lambda: bool(screen()) and bool(heard.commands), "the key is a command")

@@ -72,6 +72,10 @@ class ControlGraph:
         process.send_signal(signal.SIGKILL)
         process.communicate()
 
+    def send(self, namespace: str, name: str, number: signal.Signals) -> None:
+        """Sends a node a signal."""
+        self._processes[namespace, name].send_signal(number)
+
     def assert_alive(self, what: str) -> None:
         """Fails when a node has ended by itself."""
         for name, process in self._processes.items():

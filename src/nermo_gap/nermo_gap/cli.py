@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from nermo_description.robots import ParameterError
-from simgap.analysis.diagnose import Options, diagnose, write_report
+import simgap.cli
 from simgap.blind.cli import blind_app
-from simgap.console import called, fail, print_diagnosis, progress, write_diagnosis
-from simgap.data.errors import GapInputError
-from simgap.data.mapping import load_map
-from simgap.data.plant import build_plant, load_spec
-from simgap.data.recording import load_table, recording_from_table
-from simgap.effects.library import load_effects
+from simgap.console import HELP, called, fail, print_diagnosis, progress, refusals, silence, write_diagnosis
+
+# What does the work takes seconds to import, and help is asked for often: commands import it when they run.
 
 _PROGRAM = ("nermo", "gap")
 
@@ -24,10 +22,23 @@ gap_app = typer.Typer(
     help="Diagnose the sim-to-real gap: where it lies, which effect causes it, how far it shrinks.",
     no_args_is_help=True,
     add_completion=False,
+    context_settings=HELP,
 )
 
 
 gap_app.add_typer(blind_app)
+
+
+@contextlib.contextmanager
+def _refusals() -> Iterator[None]:
+    """Input or a robot that cannot be used ends the command with its sentence and status 2."""
+    from nermo_description.robots import ParameterError
+
+    try:
+        with refusals():
+            yield
+    except ParameterError as error:
+        fail(str(error), 2)
 
 
 @gap_app.callback()
@@ -38,14 +49,16 @@ def _gap() -> None:
 @gap_app.command("diagnose")
 def diagnose_command(
     recordings: Annotated[
-        list[Path], typer.Argument(help="MCAPs of this system, or tables (.csv, .npz, .parquet) with a header.")
+        list[Path], typer.Argument(help="MCAPs of this system; tables or bags of any robot with --model and --map.")
     ],
     robot: Annotated[
         str | None, typer.Option(help="nermo, nermo_lite or a parameter file; by default what the recording says.")
     ] = None,
     model: Annotated[Path | None, typer.Option(help="The nominal model, an MJCF.")] = None,
     map_: Annotated[Path | None, typer.Option("--map", help="YAML that maps columns to actuators and sensors.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for diagnosis.json and report.html.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for diagnosis.json and report.html; `diagnosis` without --json.")
+    ] = None,
     json_: Annotated[Path | None, typer.Option("--json", help="File for the diagnosis.")] = None,
     effects: Annotated[list[Path] | None, typer.Option(help="Python files with effects of your own.")] = None,
     only: Annotated[list[str] | None, typer.Option(help="Consider this effect only (may be repeated).")] = None,
@@ -59,49 +72,74 @@ def diagnose_command(
       nermo gap diagnose recordings/today --robot nermo --out diagnosis
       nermo gap diagnose log.csv --model robot.xml --map map.yaml --json diagnosis.json
     """
-    mouse = robot is not None or any(r.suffix.lower() == ".mcap" or r.is_dir() for r in recordings)
-    if mouse and (model is not None or map_ is not None):
-        fail("--model and --map are for tables of other robots; a recording of the mouse brings its own (--robot)", 2)
+    other = model is not None or map_ is not None
+    if robot is not None and other:
+        fail("--robot is a mouse with model and map of its own; --model and --map are for other robots", 2)
+    mouse = robot is not None or (not other and any(r.suffix.lower() == ".mcap" or r.is_dir() for r in recordings))
     if not mouse and (model is None or map_ is None):
         fail("a table needs --model MODEL.xml and --map MAP.yaml, or --robot where it is one of the mouse", 2)
-    try:
+    with _refusals():
+        from simgap.analysis.diagnose import Options, diagnose
+        from simgap.data.mapping import load_map
+        from simgap.data.plant import build_plant, load_spec
+        from simgap.data.recording import load_recording
+        from simgap.effects.library import load_effects
+
         extra = tuple(c for path in effects or () for c in load_effects(path))
-        with progress("align") as say:
+        with silence() as terminal, progress("align", terminal) as say:
             options = Options(seed, None, extra, {}, baselines, tuple(only or ()), say)
             if model is not None and map_ is not None:
                 plant = build_plant(load_spec(model), load_map(map_))
-                tables = [recording_from_table(load_table(r), plant, str(r)) for r in recordings]
+                tables = [load_recording(r, plant) for r in recordings]
                 found = diagnose(tables, plant, options)
             else:
                 # What knows the mouse is imported only for the mouse.
                 from nermo_gap.robots.diagnosis import diagnose_recordings
 
                 found = diagnose_recordings(recordings, robot, options)
-    except (GapInputError, ParameterError) as error:
-        fail(str(error), 2)
-    found.report["command"] = called(_PROGRAM, "diagnose")
-    write_diagnosis(found, out, json_)
-    print_diagnosis(found)
+        found.report["command"] = called(_PROGRAM, "diagnose")
+        written = write_diagnosis(found, out or (None if json_ else Path("diagnosis")), json_)
+    print_diagnosis(found, written)
+
+
+gap_app.command("effects")(simgap.cli.effects_command)
 
 
 @gap_app.command("apply")
 def apply_command(
-    diagnosis: Annotated[Path, typer.Argument(help="The diagnosis.json of a recording of the mouse.")],
-    out: Annotated[Path, typer.Option(help="Robot file (.yaml) to write.")],
-    robot: Annotated[str | None, typer.Option(help="The robot that was diagnosed; by default what it says.")] = None,
+    diagnosis: Annotated[Path, typer.Argument(help="The diagnosis.json of a recording.")],
+    out: Annotated[
+        Path, typer.Option(help="Robot file of the mouse (.yaml), or the corrected model (.xml), to write.")
+    ],
+    robot: Annotated[str | None, typer.Option(help="The mouse that was diagnosed; by default what it says.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Of another robot: the model that was diagnosed, an MJCF.")] = None,
+    wrapper: Annotated[
+        Path | None, typer.Option(help="With --model: Python file for what no MJCF can say; else OUT_signals.py.")
+    ] = None,
+    randomise: Annotated[
+        Path | None, typer.Option(help="With --model: YAML file for ranges for domain randomisation.")
+    ] = None,
 ) -> None:
-    """Write the effects of a diagnosis as a robot that the twin, the experiments and the graph load.
+    """Write the effects of a diagnosis: of the mouse as a robot to load, of any other into its model.
 
     \b
     Example:
       nermo gap apply diagnosis/diagnosis.json --out my_robot.yaml
       nermo experiment straight-line --quick --robot my_robot.yaml
+      nermo gap apply diagnosis/diagnosis.json --model arm.xml --out arm_corrected.xml
     """
-    from nermo_gap.robots.apply import deviations_of, read_diagnosis, write_robot
-
+    if model is not None:
+        if robot is not None:
+            fail("--robot is a mouse, --model the MJCF of another robot; give one of them", 2)
+        simgap.cli.apply_command(diagnosis, model, out, wrapper, randomise)
+        return
+    if out.suffix == ".xml":
+        fail("--out: a corrected model (.xml) needs --model, the MJCF that was diagnosed", 2)
     if out.suffix not in (".yaml", ".yml"):
         fail(f"--out: {out} must end in .yaml", 2)
-    try:
+    with _refusals():
+        from nermo_gap.robots.apply import deviations_of, read_diagnosis, write_robot
+
         report = read_diagnosis(diagnosis)
         base = robot or str(report.get("robot_file") or report["robot"])
         applied = deviations_of(report, base)
@@ -112,8 +150,6 @@ def apply_command(
                 f"{diagnosis}: holds no effect that a robot file can hold ({'; '.join(applied.left_out) or 'none'})", 1
             )
         write_robot(applied.deviations, base, out)
-    except (GapInputError, ParameterError) as error:
-        fail(str(error), 2)
     for deviation in applied.deviations:
         values = ", ".join(f"{n} {v:.4g}" for n, v in deviation.values.items())
         typer.echo(f"{deviation.effect} at {', '.join(deviation.sites) or 'the world'}: {values}")
@@ -139,15 +175,14 @@ def explain_command(
     Example:
       nermo gap explain thesis_robot --out explanation --json explanation.json
     """
-    from nermo_gap.explain.report import explain_file, print_explanations
+    with _refusals():
+        from nermo_gap.explain.report import explain_file, print_explanations
+        from simgap.analysis.diagnose import write_report
 
-    try:
         with progress("experiments") as say:
             report = explain_file(
                 summary, out, only or [], effects, workers, lambda stage, done, total: say(stage, done / max(total, 1))
             )
-    except (GapInputError, ParameterError) as error:
-        fail(str(error), 2)
     report["command"] = called(_PROGRAM, "explain")
     if json_ is not None:
         write_report(report, json_)
@@ -170,10 +205,11 @@ def predict_command(
     Example:
       nermo gap predict diagnosis/diagnosis.json --quick
     """
-    from nermo_gap.explain.predict import predict, print_predictions
-    from nermo_gap.robots.apply import deviations_of, read_diagnosis
+    with _refusals():
+        from nermo_gap.explain.predict import predict, print_predictions
+        from nermo_gap.robots.apply import deviations_of, read_diagnosis
+        from simgap.analysis.diagnose import write_report
 
-    try:
         report = read_diagnosis(diagnosis)
         base = robot or str(report.get("robot_file") or report["robot"])
         applied = deviations_of(report, base)
@@ -181,8 +217,6 @@ def predict_command(
             rows = predict(
                 base, applied.deviations, out, quick, lambda done, total: say("experiments", done / max(total, 1))
             )
-    except (GapInputError, ParameterError) as error:
-        fail(str(error), 2)
     if json_ is not None:
         write_report({"schema": "nermo_gap/prediction/1", "robot": base, "rows": rows}, json_)
     print_predictions(rows)

@@ -340,6 +340,15 @@ def test_the_live_gap_is_nothing_for_the_twin_itself_and_shows_the_leg_that_diff
     assert max(gaps[1], key=lambda name: gaps[1][name]) == "rear_right leg" and gaps[1]["rear_right leg"] > 3.0
 
 
+def test_every_nominal_number_of_the_mouse_has_a_unit_and_moves() -> None:
+    plant = robot_plant(load_robot("nermo"), list(simulate(load_robot("nermo"), 0.1, seed=2)))
+    size = np.ones(len(plant.inputs))
+    for nuisance in nuisances(plant, np.ones(len(plant.outputs)), size, 0.005):
+        number = nuisance.described()
+        assert number.unit != "prior deviations", nuisance.name
+        assert np.isfinite(number.value(0.0)) and number.value(1.0) != number.value(0.0), nuisance.name
+
+
 # What next
 
 

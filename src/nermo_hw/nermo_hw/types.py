@@ -54,7 +54,10 @@ class ServoTargets:
 
 @dataclass(frozen=True, slots=True)
 class SensorSample:
-    """What one exchange brought back. What a silent board did not say is as it was last, see `missing`."""
+    """What one exchange brought back. What a silent board did not say is as it was last, see `missing`.
+
+    NaN is what a board that did answer could not measure.
+    """
 
     stamp: int
     """When it was measured [ns], on the clock given to the driver, to within a millisecond."""

@@ -6,42 +6,20 @@ from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
+from standing import BEGIN, NEUTRAL, ROBOT, SAMPLE
 
 from nermo_description.emergency_stops import EmergencyStops
-from nermo_description.robots import load_robot
 from nermo_hw.link.config import DEFAULT, Side, load_link
 from nermo_hw.link.end import LinkEnd
 from nermo_hw.link.loopback import Loopback
 from nermo_hw.link.transport import LinkError
 from nermo_hw.robot_end import RobotEnd
 from nermo_hw.safety.supervisor import SafetySupervisor
-from nermo_hw.types import Fault, SensorSample, ServoTargets
+from nermo_hw.types import SensorSample, ServoTargets
 
-ROBOT = load_robot("nermo_lite")
-SERVOS = tuple(ROBOT.servos)
-NEUTRAL = np.array([servo.neutral for servo in ROBOT.servos.values()])
 SOURCES = ("pad", "keyboard")
-BEGIN = 1_700_000_000_000_000_000
 GIVEN_UP = 6.0
 """[s] Longer than an end of the link may be silent."""
-
-SAMPLE = SensorSample(
-    stamp=BEGIN,
-    elapsed=0.005,
-    servo_positions=NEUTRAL,
-    servo_velocities=np.zeros(len(SERVOS)),
-    servo_currents=np.full(len(SERVOS), 0.1),
-    knee_angles=np.zeros(4),
-    piezoresistive=np.zeros(4),
-    piezoelectric=np.zeros(4),
-    orientation=np.array([1.0, 0.0, 0.0, 0.0]),
-    angular_velocity=np.zeros(3),
-    linear_acceleration=np.array([0.0, 0.0, 9.81]),
-    battery_voltage=7.6,
-    battery_current=0.3,
-    faults=Fault(0),
-    limp=False,
-)
 
 
 class Place(Protocol):

@@ -72,8 +72,5 @@ def test_a_fault_while_walking_is_made_safe_and_recovered_from(rig: Rig, name: s
     assert row["executed_after"] == 0 or row["in_time"] == 0, row
 
 
-def test_every_cause_but_the_start_and_three_that_lack_an_injection_is_injected() -> None:
-    # Gaps of the bench, not of the supervisor: test_sensor_checks has the three, but nothing here injects them yet.
-    lacking = {Cause.BATTERY_INVALID, Cause.SERVO_INVALID, Cause.SERVO_IMPLAUSIBLE}
-    injected = {injection.cause for injection in INJECTIONS} - {None}
-    assert injected == set(Cause) - {Cause.START} - lacking
+def test_every_cause_but_the_start_is_injected() -> None:
+    assert {injection.cause for injection in INJECTIONS} >= set(Cause) - {Cause.START}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 import struct
 
@@ -146,6 +147,32 @@ def test_a_silent_servo_stays_where_it_is_and_is_named(host):
     answers = host.walk(40, NEUTRAL + 0.2)
     assert answers[2].faults & 0xFF == 0
     assert host.positions()[knee] == pytest.approx(NEUTRAL[knee] + 0.2, abs=0.02)
+
+
+def test_sensors_without_a_reading_say_so_and_the_servo_goes_on_moving(host):
+    host.release()
+    host.device.set_unreadable(["tail", "battery"])
+    answers = host.walk(40, NEUTRAL + 0.2)
+    told = np.array([answers[3].positions, answers[3].velocities, answers[3].currents])
+    assert np.isnan(told).tolist() == [[False, False, True, False]] * 3
+    assert host.positions()[list(NERMO.servos).index("tail")] == pytest.approx(0.2, abs=0.02)
+    body = boards.BodyAnswer.decode(host.exchange()[4].payload)
+    assert math.isnan(body.voltage) and math.isnan(body.current)
+    assert np.isfinite(body.angular_velocity).all()
+    host.device.set_unreadable([])
+    assert np.isfinite(host.walk(1)[3].positions).all()
+
+
+def test_a_reading_is_off_by_an_angle_where_its_servo_is_not(host):
+    host.release()
+    host.device.set_angle_error("tail", 2.0)
+    answers = host.walk(40, NEUTRAL + 0.2)
+    assert answers[3].positions[2] == pytest.approx(2.2, abs=0.02)
+    assert host.positions()[list(NERMO.servos).index("tail")] == pytest.approx(0.2, abs=0.02)
+    with pytest.raises(FaultError, match="within -3 and 3"):
+        host.device.set_angle_error("tail", 4.0)
+    with pytest.raises(FaultError, match="front_left_toe is unknown"):
+        host.device.set_angle_error("front_left_toe", 0.1)
 
 
 def test_a_silent_board_is_spoken_for_by_the_bus_controller(host):

@@ -68,7 +68,7 @@ def test_who_is_there_and_servos_that_go_where_they_are_told(emulate):
     device = emulate()
     with Driver(ROBOT, str(device.link)) as driver:
         identity = driver.identify()
-        assert (identity.robot, identity.protocol_version) == ("nermo_lite", "1.0")
+        assert (identity.robot, identity.protocol_version) == ("nermo_lite", "1.1")
         assert len(identity.boards) == 6
         assert exchange(driver, ServoTargets(NEUTRAL)).faults == Fault.RESTARTED
         for board in SERVO_BOARDS:

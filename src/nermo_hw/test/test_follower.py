@@ -74,3 +74,12 @@ def test_after_it_was_limp_a_move_begins_where_the_servos_are(follower):
     assert follower.step(TICK, CROUCH) is None
     follower.command(STAND)
     assert np.abs(follower.step(TICK, CROUCH) - CROUCH).max() < 0.01
+
+
+def test_a_servo_that_does_not_know_where_it_is_goes_to_its_goal_at_once_the_others_smoothly(follower):
+    measured = np.where(np.arange(len(STAND)) == 0, np.nan, STAND)
+    follower.command(CROUCH)
+    target = follower.step(TICK, measured)
+    assert target[0] == CROUCH[0]
+    assert np.abs(target - STAND)[1:].max() < 0.01
+    assert np.isfinite(target).all()

@@ -87,6 +87,14 @@ def test_hands_that_move_the_wrong_servo_are_told_so(emulate):
             Calibrator(driver, lambda _: None, timeout=0.2).directions()
 
 
+def test_a_sensor_without_a_reading_is_not_calibrated(emulate):
+    device = emulate()
+    with Driver(ROBOT, str(device.link), reply_timeout=0.1) as driver:
+        device.control.do("unreadable", names=["tail"])
+        with pytest.raises(CalibrationError, match="^tail has no reading"):
+            Calibrator(driver, print, still_for=0.2).zeros(ROBOT.posture("sit"), dict.fromkeys(ROBOT.servos, 1))
+
+
 def test_scan_monitor_and_calibrate_from_the_command_line(emulate, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(monitor, "serial_ports", lambda: [str(tmp_path / "empty_port")])
     device = emulate()
@@ -95,7 +103,7 @@ def test_scan_monitor_and_calibrate_from_the_command_line(emulate, tmp_path, cap
     assert run("scan", "--port", link, "--timeout", "0.5", "--json", str(scanned)) == 0
     nobody, somebody = json.loads(scanned.read_text())["rows"]
     assert "empty_port" in nobody["error"]
-    assert (somebody["robot"], somebody["protocol"], somebody["error"]) == ("nermo_lite", "1.0", None)
+    assert (somebody["robot"], somebody["protocol"], somebody["error"]) == ("nermo_lite", "1.1", None)
 
     assert run("monitor", "--port", link, "--once", "--json", str(seen)) == 0
     facts = json.loads(seen.read_text())

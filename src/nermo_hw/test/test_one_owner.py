@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from stop_places import BEGIN, NEUTRAL, SERVOS, Link
+from standing import BEGIN, NEUTRAL, SERVOS
+from stop_places import Link
 
 from nermo_description.commanding import RefusedCommandError
 from nermo_hw.link.config import Side

@@ -9,12 +9,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from sensor_msgs.msg import BatteryState, Imu
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
@@ -106,3 +108,50 @@ def test_release_stop_and_silence_reach_the_servos(bench: Node, tmp_path: Path) 
             process.wait(PATIENCE_S)
         emulator.stop()
         thread.join()
+
+
+def test_a_sensor_that_says_what_cannot_be_is_refused_in_words_and_has_no_reading(bench: Node) -> None:
+    process = start("safety_supervisor")
+    status: dict[str, str] = {}
+    servos = list(ROBOT.servos)
+    well = ServoStates(name=servos, position=[s.neutral for s in ROBOT.servos.values()])
+    well.velocity = well.current = [0.0] * len(servos)
+    upright = Imu()
+    upright.orientation.w, upright.linear_acceleration.z = 1.0, 9.81
+    says: dict[str, Any] = {"imu/data_raw": upright, "battery": BatteryState(voltage=7.6), "servo_states": well}
+    publishers = {topic: bench.create_publisher(type(said), topic, qos.SENSOR) for topic, said in says.items()}
+
+    def say() -> None:
+        stamp = bench.get_clock().now().to_msg()
+        for topic, publisher in publishers.items():
+            says[topic].header.stamp = stamp
+            publisher.publish(says[topic])
+
+    def note(message: DiagnosticArray) -> None:
+        status.update({part.name: part.message for part in message.status})
+
+    def until_it_says(safety: str, refused: str) -> None:
+        spin_until(
+            bench,
+            lambda: (
+                safety in status.get("safety_supervisor: safety", "")
+                and refused in status.get("safety_supervisor: commands", "")
+            ),
+            f"it says {safety}",
+        )
+
+    bench.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
+    bench.create_timer(0.01, say)
+    impossible = ServoStates(name=servos, position=[1e308, *well.position[1:]])
+    try:
+        until_it_says("limp: start", "nothing refused")
+        says["imu/data_raw"] = Imu()
+        says["imu/data_raw"].orientation.w = 0.0
+        until_it_says("imu_invalid", "imu/data_raw refused: orientation")
+        says["imu/data_raw"], says["battery"] = upright, BatteryState(voltage=1e6)
+        until_it_says("battery_invalid", "battery refused: voltage")
+        says["battery"], says["servo_states"] = BatteryState(voltage=7.6), impossible
+        until_it_says("servo_invalid", "servo_states refused: position of front_left_hip")
+    finally:
+        process.terminate()
+        process.wait(PATIENCE_S)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from pathlib import Path
 
@@ -119,8 +120,13 @@ def test_servo_targets_survive_the_line(sequence, targets):
     assert back.targets == pytest.approx(targets, abs=boards.ANGLE / 2 + 1e-12)
 
 
-@given(st.lists(st.floats(-100, 100), min_size=15, max_size=15))
-def test_sensor_data_survives_the_line_or_saturates(values):
+def limited(values, largest, lower=None):
+    """What a field makes of values; NaN stays."""
+    return np.clip(values, -largest if lower is None else lower, largest)
+
+
+@given(st.lists(st.floats(-100, 100) | st.just(math.nan), min_size=15, max_size=15))
+def test_sensor_data_survives_the_line_or_saturates_and_no_reading_is_told(values):
     answer = boards.ServoAnswer(
         *(7, 0x3F, 0x0511, 2**32 + 5),
         *(np.array(values[start : start + 4]) for start in (0, 4, 8)),
@@ -128,10 +134,11 @@ def test_sensor_data_survives_the_line_or_saturates(values):
     )
     back = boards.ServoAnswer.decode(answer.encode())
     assert (back.sequence, back.energised, back.faults, back.time) == (7, 0x3F, 0x0511, 5)
-    np.testing.assert_allclose(back.positions, np.clip(values[0:4], -3.2768, 3.2767), atol=boards.ANGLE)
-    np.testing.assert_allclose(back.velocities, np.clip(values[4:8], -32.768, 32.767), atol=boards.SPEED)
-    np.testing.assert_allclose(back.currents, np.clip(values[8:12], 0.0, 65.535), atol=boards.CURRENT)
-    assert back.piezoelectric == pytest.approx(np.clip(values[14], -6.5536, 6.5534), abs=boards.TACTILE)
+    np.testing.assert_allclose(back.positions, limited(values[0:4], 3.2767), atol=boards.ANGLE)
+    np.testing.assert_allclose(back.velocities, limited(values[4:8], 32.767), atol=boards.SPEED)
+    np.testing.assert_allclose(back.currents, limited(values[8:12], 65.534, 0.0), atol=boards.CURRENT)
+    assert back.knee_angle == pytest.approx(limited(values[12], 3.2767), abs=boards.ANGLE, nan_ok=True)
+    assert back.piezoelectric == pytest.approx(limited(values[14], 6.5534), abs=boards.TACTILE, nan_ok=True)
 
 
 def test_the_body_answer_survives_the_line_with_or_without_an_orientation():
@@ -146,6 +153,15 @@ def test_the_body_answer_survives_the_line_with_or_without_an_orientation():
     assert lost.orientation.tolist() == [0.0] * 4, "no orientation is not made one: the supervisor sees to it"
     with pytest.raises(struct.error):
         boards.BodyAnswer.decode(b"")
+
+
+def test_a_body_board_without_readings_says_so():
+    nothing = np.full(3, math.nan)
+    back = boards.BodyAnswer.decode(
+        boards.BodyAnswer(1, 0, 0, np.full(4, math.nan), nothing, nothing, math.nan, math.nan).encode()
+    )
+    told = (back.orientation, back.angular_velocity, back.linear_acceleration, [back.voltage, back.current])
+    assert np.isnan(np.concatenate(told)).all()
 
 
 def test_registers_are_read_written_and_outlive_a_restart_where_they_are_stored():

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from stop_places import NEUTRAL, ROBOT, SAMPLE, SERVOS
+from standing import NEUTRAL, ROBOT, SAMPLE, SERVOS
 from test_supervisor import Walk
 
 from nermo_hw.safety.causes import RULE_OF, Cause, State

@@ -10,46 +10,25 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from standing import BEGIN, NEUTRAL, ROBOT, SAMPLE, SERVOS
 
-from nermo_description.robots import load_robot
 from nermo_hw.safety.causes import RULE_OF, RULES, Cause, State, table
 from nermo_hw.safety.supervisor import Output, RefusedCommandError, SafetySettings, SafetySupervisor
 from nermo_hw.types import Fault, SensorSample
 
-ROBOT = load_robot("nermo_lite")
-SERVOS = tuple(ROBOT.servos)
-NEUTRAL = np.array([servo.neutral for servo in ROBOT.servos.values()])
 LOWER = np.array([servo.lower for servo in ROBOT.servos.values()])
 UPPER = np.array([servo.upper for servo in ROBOT.servos.values()])
 MAX_VELOCITY = np.array([servo.max_velocity for servo in ROBOT.servos.values()])
 TICK = 5_000_000
-START = 1_700_000_000_000_000_000
-GOOD = SensorSample(
-    stamp=START,
-    elapsed=0.005,
-    servo_positions=NEUTRAL,
-    servo_velocities=np.zeros(len(SERVOS)),
-    servo_currents=np.full(len(SERVOS), 0.1),
-    knee_angles=np.zeros(4),
-    piezoresistive=np.zeros(4),
-    piezoelectric=np.zeros(4),
-    orientation=np.array([1.0, 0.0, 0.0, 0.0]),
-    angular_velocity=np.zeros(3),
-    linear_acceleration=np.array([0.0, 0.0, 9.81]),
-    battery_voltage=7.6,
-    battery_current=0.3,
-    faults=Fault(0),
-    limp=False,
-)
 
 
 class Walk:
     """A supervisor that is fed as on a walking robot, tick by tick."""
 
     def __init__(self, settings: SafetySettings | None = None) -> None:
-        self.now = START
+        self.now = BEGIN
         self.supervisor = SafetySupervisor(ROBOT, settings, now=self.now)
-        self.sample: SensorSample | None = GOOD
+        self.sample: SensorSample | None = SAMPLE
         self.commands = self.heard = True
         self.target = NEUTRAL
         self.servos_follow = True
@@ -104,37 +83,37 @@ def change(walk: Walk, cause: Cause) -> None:
         case Cause.EMERGENCY_STOP:
             walk.supervisor.stops.press("a test")
         case Cause.FALLEN:
-            walk.sample = replace(GOOD, orientation=tilted(1.5))
+            walk.sample = replace(SAMPLE, orientation=tilted(1.5))
         case Cause.OVER_CURRENT:
-            walk.sample = replace(GOOD, servo_currents=np.array([2.0, *[0.1] * (len(SERVOS) - 1)]))
+            walk.sample = replace(SAMPLE, servo_currents=np.array([2.0, *[0.1] * (len(SERVOS) - 1)]))
         case Cause.LOW_BATTERY:
-            walk.sample = replace(GOOD, battery_voltage=6.5)
+            walk.sample = replace(SAMPLE, battery_voltage=6.5)
         case Cause.EMPTY_BATTERY:
-            walk.sample = replace(GOOD, battery_voltage=5.9)
+            walk.sample = replace(SAMPLE, battery_voltage=5.9)
         case Cause.SILENT_SERVO:
-            walk.sample = replace(GOOD, silent_servos=("tail",))
+            walk.sample = replace(SAMPLE, silent_servos=("tail",))
         case Cause.LINE_LOST:
             walk.sample = None
         case Cause.DEVICE_LIMP:
-            walk.sample = replace(GOOD, faults=Fault.WATCHDOG, limp=True)
+            walk.sample = replace(SAMPLE, faults=Fault.WATCHDOG, limp=True)
         case Cause.IMU_INVALID:
-            walk.sample = replace(GOOD, orientation=np.zeros(4))
+            walk.sample = replace(SAMPLE, orientation=np.zeros(4))
         case Cause.IMU_FROZEN:
             walk.noise = False
         case Cause.IMU_IMPLAUSIBLE:
-            walk.sample = replace(GOOD, linear_acceleration=np.array([20.0, 0.0, 0.0]))
+            walk.sample = replace(SAMPLE, linear_acceleration=np.array([20.0, 0.0, 0.0]))
         case Cause.BATTERY_INVALID:
-            walk.sample = replace(GOOD, battery_voltage=math.nan)
+            walk.sample = replace(SAMPLE, battery_voltage=math.nan)
         case Cause.BATTERY_FROZEN:
-            walk.sample = replace(GOOD, servo_velocities=np.ones(len(SERVOS)))
+            walk.sample = replace(SAMPLE, servo_velocities=np.ones(len(SERVOS)))
         case Cause.BATTERY_IMPLAUSIBLE:
-            walk.sample = replace(GOOD, battery_voltage=12.0)
+            walk.sample = replace(SAMPLE, battery_voltage=12.0)
         case Cause.SERVO_INVALID:
-            walk.sample = replace(GOOD, servo_currents=np.full(len(SERVOS), math.nan))
+            walk.sample = replace(SAMPLE, servo_currents=np.full(len(SERVOS), math.nan))
         case Cause.SERVO_FROZEN:
             walk.servos_follow = False
         case Cause.SERVO_IMPLAUSIBLE:
-            walk.sample = replace(GOOD, servo_velocities=np.full(len(SERVOS), 1e3))
+            walk.sample = replace(SAMPLE, servo_velocities=np.full(len(SERVOS), 1e3))
 
 
 UNTIL_NOTICED = {Cause.IMU_FROZEN: 0.3, Cause.SERVO_FROZEN: 0.3, Cause.IMU_IMPLAUSIBLE: 0.3}
@@ -157,7 +136,7 @@ def test_each_cause_leads_to_its_state_in_time_and_ends_as_the_table_says(cause:
 
     walk.commands = walk.heard = walk.servos_follow = walk.noise = True
     walk.target = NEUTRAL
-    walk.sample = replace(GOOD, battery_voltage=7.5)
+    walk.sample = replace(SAMPLE, battery_voltage=7.5)
     output = walk.run(2.0)
     assert (cause in output.causes) == rule.latched
     walk.supervisor.release(walk.now)
@@ -189,7 +168,7 @@ def test_it_says_when_only_the_line_has_to_be_released() -> None:
     change(walk, Cause.LINE_LOST)
     walk.run(0.5)
     assert not walk.supervisor.waits_for_the_line_only
-    walk.sample = GOOD
+    walk.sample = SAMPLE
     walk.run(0.1)
     assert walk.supervisor.waits_for_the_line_only
     walk.supervisor.stops.press("a test")
@@ -224,7 +203,7 @@ def test_hold_crouch_and_back_go_without_a_jump() -> None:
 def test_power_comes_back_where_the_servos_are() -> None:
     walk = Walk()
     walk.servos_follow = False
-    walk.sample = replace(GOOD, servo_positions=np.clip(NEUTRAL + 0.3, LOWER, UPPER))
+    walk.sample = replace(SAMPLE, servo_positions=np.clip(NEUTRAL + 0.3, LOWER, UPPER))
     walk.run(0.1)
     walk.supervisor.release(walk.now)
     assert np.abs(walk.tick().targets.positions - walk.sample.servo_positions).max() < 0.02
@@ -239,6 +218,18 @@ def test_torque_is_limited_by_keeping_the_target_near() -> None:
     reach = 0.5 * servo.max_torque / servo.proportional_gain
     tail = SERVOS.index("tail")
     assert positions[tail] == pytest.approx(NEUTRAL[tail] + reach)
+
+
+def test_a_servo_whose_reading_cannot_be_is_not_led_to_where_it_says_it_is() -> None:
+    walk = Walk().released()
+    walk.servos_follow = False
+    tail = SERVOS.index("tail")
+    walk.sample = replace(SAMPLE, servo_positions=np.where(np.arange(len(SERVOS)) == tail, 2.0, NEUTRAL))
+    positions = [walk.tick().targets.positions[tail] for _ in range(400)]
+    assert walk.supervisor.state is State.CROUCH
+    assert np.abs(positions).max() <= abs(ROBOT.posture("crouch")["tail"])
+    walk.supervisor.stops.press("a test")
+    assert abs(walk.run(0.1).targets.positions[tail]) <= abs(ROBOT.posture("crouch")["tail"])
 
 
 @pytest.mark.parametrize(
@@ -284,9 +275,9 @@ EVENTS = st.one_of(
 
 @given(st.lists(EVENTS, max_size=40))
 def test_nothing_that_comes_in_gets_an_unsafe_output_out(events: list) -> None:
-    now = START
+    now = BEGIN
     supervisor = SafetySupervisor(ROBOT, now=now)
-    supervisor.take_sensors(GOOD, now)
+    supervisor.take_sensors(SAMPLE, now)
     supervisor.release(now)
     last = supervisor.step(now).targets
     for what, offset, odd_names, numbers in events:
@@ -301,7 +292,7 @@ def test_nothing_that_comes_in_gets_an_unsafe_output_out(events: list) -> None:
             case "sensors":
                 values = np.array(numbers)
                 sample = replace(
-                    GOOD,
+                    SAMPLE,
                     servo_positions=values,
                     servo_velocities=values[::-1],
                     servo_currents=values,

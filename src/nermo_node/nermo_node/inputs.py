@@ -29,8 +29,18 @@ class Inputs:
     def __init__(self, node: Node, refuse: Callable[[str], None]) -> None:
         self._node, self._refuse = node, refuse
 
-    def subscribe(self, kind: type, topic: str, take: Take, profile: QoSProfile | int) -> None:
-        """Hands messages of a kind that `nermo_description.ranges` knows over to `take`."""
+    def subscribe(
+        self,
+        kind: type,
+        topic: str,
+        take: Take,
+        profile: QoSProfile | int,
+        refused: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Hands messages of a kind that `nermo_description.ranges` knows over to `take`.
+
+        refused: called after a refusal, for whom a sensor that says what cannot be is news.
+        """
         name = kind_name(kind)
 
         def receive(packed: bytes) -> None:
@@ -38,6 +48,7 @@ class Inputs:
                 take(unpack(kind, name, packed))
             except ValueError as error:
                 self._refuse(f"{topic} refused: {error}")
+                refused()
 
         self._node.create_subscription(kind, topic, receive, profile, raw=True)
 

@@ -11,8 +11,9 @@ COMMAND_INPUT = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE)
 """Commands of several publishers, for the subscriber: with a depth of 1, whoever floods the topic pushes the others'
 newest command out before it is seen."""
 
-EVENT = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-"""Questions and answers between nodes, for both sides: each counts."""
+EVENT = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+"""Questions and answers between nodes, for both sides: each counts, also where a busy machine lets a node wait. At
+200 Hz this is 0.5 s of ticks: longer than a node may be silent while the mouse walks."""
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Parameters, for both sides: who comes late gets the last one."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -23,6 +24,8 @@ except ImportError:  # a ROS without it
 
 DONE, FAILED, WRONG_USAGE = 0, 1, 2
 """Exit status of a node process."""
+SIGNAL_S = 0.5
+"""From a signal to the end of the context, at most."""
 
 _USAGE_ERRORS = (ParameterError, InvalidParameterException, InvalidParameterTypeException)
 
@@ -52,7 +55,7 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
         status = end.code if isinstance(end.code, int) else DONE
     except Exception as error:
         # After a signal the context is gone, and whatever a callback was just doing fails for that: no fault.
-        if rclpy.ok():
+        if not _signalled():
             status = _report(node, name, error)
     try:
         if node is not None:
@@ -80,6 +83,14 @@ def _spin(node: Node) -> None:
     # `spin` of the events executor runs no timers and does not stop on SIGTERM; `spin_once` with a time-out does both.
     while rclpy.ok():
         executor.spin_once(timeout_sec=1.0)
+
+
+def _signalled() -> bool:
+    """Whether a signal has ended the context. A thread of rclpy sees to that, a moment after what was interrupted."""
+    deadline = time.monotonic() + SIGNAL_S
+    while rclpy.ok() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return not rclpy.ok()
 
 
 def _report(node: Node | None, name: str, error: Exception) -> int:

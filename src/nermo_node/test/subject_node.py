@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 from typing import Literal, Self
 
@@ -24,7 +26,7 @@ class Parameters(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     gain: float = Field(1.0, ge=0.0, le=2.0, description="A gain", json_schema_extra={"unit": "m"})
-    fails: Literal["", "constructor", "value", "callback", "end"] = ""
+    fails: Literal["", "constructor", "value", "callback", "signal", "end"] = ""
     shape: Shape = Shape()
 
     @model_validator(mode="after")
@@ -54,6 +56,9 @@ class Subject(Node):
     def tick(self) -> None:
         if self.values.fails == "callback":
             raise OSError("the callback failed")
+        if self.values.fails == "signal":
+            os.kill(os.getpid(), signal.SIGTERM)
+            raise TypeError("what was interrupted")
         if self.values.fails == "end":
             raise SystemExit
 

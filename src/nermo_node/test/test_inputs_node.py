@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 
@@ -93,6 +94,16 @@ def test_what_is_out_of_range_and_what_the_node_cannot_use_is_refused_in_words(d
     assert door.refused[0] == "cmd_vel refused: twist.linear.x = 1e+308 m/s: allowed -10 to 10 m/s"
     door.refused.clear()
     door.until(lambda: "cmd_vel refused: 0.5 is not liked" in door.refused, lambda: door.cmd_vel.publish(twist(0.5)))
+    assert not door.taken
+
+
+def test_whoever_wants_hears_that_something_was_refused(door: Door) -> None:
+    hears: list[str] = []
+    Inputs(door.node, door.refused.append).subscribe(
+        TwistStamped, "cmd_vel", door.taken.append, 10, lambda: hears.append("refused")
+    )
+    door.until(lambda: bool(hears), lambda: door.cmd_vel.publish(twist(math.nan)))
+    assert "cmd_vel refused: twist.linear.x = nan m/s" in door.refused[0]
     assert not door.taken
 
 

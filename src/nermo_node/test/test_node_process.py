@@ -108,6 +108,12 @@ def test_a_signal_ends_it_cleanly(bench: Node, start: Callable, number: signal.S
     assert (process.returncode, "destroyed" in output, "Traceback" in output) == (0, True, False), output
 
 
+def test_what_a_signal_interrupts_is_no_fault(start: Callable) -> None:
+    process = start("-p", "fails:=signal")
+    output, _ = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, [line for line in output.splitlines() if "[rcl]" not in line]) == (0, ["destroyed"])
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS
 from nermo_sim.recording import Recording
 
-CONTACT_FORCE = 0.02
-"""Force from which a foot counts as on the ground [N], about 1 % of the weight."""
+Array = NDArray[np.float64]
 
 
 def plot_run(recording: Recording, path: Path, title: str, window: float = 2.5) -> None:
@@ -47,14 +47,32 @@ def _orientation(axes: Axes, recording: Recording, window: float) -> None:
 def _gait_diagram(axes: Axes, recording: Recording, window: float) -> None:
     last = recording.time >= recording.time[-1] - window
     time = recording.time[last]
-    for row, leg in enumerate(LEGS):
-        planned = recording.phases[last, row] == 0
-        touching = recording.foot_forces[last, row] > CONTACT_FORCE
-        axes.fill_between(time, row - 0.4, row, where=list(planned), step="mid", color="0.75", linewidth=0.0)
-        axes.fill_between(time, row, row + 0.4, where=list(touching), step="mid", color="C0", linewidth=0.0)
-        axes.text(time[0], row, f"{leg.replace('_', ' ')} ", ha="right", va="center")
-    axes.set(xlabel="time [s]", yticks=[], title="Gait: planned stance (grey, above) and contact (blue, below)")
-    axes.set_xlim(time[0], time[-1])
+    draw_gait(axes, time, recording.phases[last] == 0, recording.foot_forces[last])
+    axes.set(title=f"Gait: {GAIT_KEY}", xlim=(time[0], time[-1]))
+
+
+GAIT_KEY = "planned stance (grey), load (blue; darkest: half the weight)"
+"""What `draw_gait` shows, for a title."""
+
+
+def draw_gait(axes: Axes, time: Array, planned: NDArray[np.bool_], load: Array) -> None:
+    """Bars of each leg: stance as planned, and below it how much the foot carries.
+
+    No threshold decides what is contact: a foot that drags or bounces is seen to do so.
+
+    Args:
+        axes: Where to draw.
+        time: (n,) [s], rising.
+        planned: (n, 4), whether the leg shall stand.
+        load: (n, 4), vertical force [N].
+    """
+    full = 0.5 * float(load.sum(axis=1).mean())
+    edges = np.append(time, time[-1] + np.median(np.diff(time)))
+    for row in range(len(LEGS)):
+        where = list(planned[:, row])
+        axes.fill_between(time, row - 0.4, row - 0.1, where=where, step="post", color="0.75", linewidth=0.0)
+        axes.pcolormesh(edges, [row - 0.1, row + 0.4], load[None, :, row], cmap="Blues", vmin=0.0, vmax=full or 1.0)
+    axes.set(xlabel="time [s]", yticks=range(len(LEGS)), yticklabels=[leg.replace("_", " ") for leg in LEGS])
     axes.invert_yaxis()
 
 

@@ -7,16 +7,18 @@ import dataclasses
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 from nermo_control.gait.knowledge_base import GaitParameters
-from nermo_description.parameters import RobotParameters
+from nermo_description.parameters import LEGS, RobotParameters
 from nermo_sim.experiments import straight_line
 from nermo_sim.experiments.result_log import ResultLog, seed_for
 from nermo_sim.experiments.runs import Job, Progress, Settings, run_cases
 from nermo_sim.experiments.straight_line import STRIDE, Case, cases, measure, theory
-from nermo_sim.plots import plot_run, plot_speeds
+from nermo_sim.plots import draw_gait, plot_run, plot_speeds
 from nermo_sim.recording import Recording
 from nermo_sim.render import RenderingUnavailableError, save_picture, save_video
 from nermo_sim.twin import Twin
@@ -171,3 +173,16 @@ def test_lines_join_runs_of_one_kind_and_single_runs_have_no_error_bars(tmp_path
         assert len(places) == len(set(places)), "a line goes straight up"
     assert not [bars for container in single.containers for bars in container[2]]
     assert len([bars for container in repeated.containers for bars in container[2]]) == 3
+
+
+def test_a_gait_diagram_shows_how_much_a_foot_carries_and_a_bounce_as_what_it_is() -> None:
+    time = np.arange(0.0, 1.0, 0.01)
+    load = np.full((len(time), 4), 1.0)
+    load[50:53, 2] = 0.0
+    axes = Figure().subplots()
+    draw_gait(axes, time, np.ones((len(time), 4), bool), load)
+    bars = [mesh for mesh in axes.collections if isinstance(mesh, QuadMesh)]
+    np.testing.assert_array_equal(np.array([bar.get_array()[0] for bar in bars]).T, load)
+    # All four together carry 4 N nearly all the time.
+    assert [bar.get_clim()[1] for bar in bars] == [pytest.approx(2.0, rel=0.01)] * 4
+    assert [label.get_text() for label in axes.get_yticklabels()] == [leg.replace("_", " ") for leg in LEGS]

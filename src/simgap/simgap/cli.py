@@ -1,4 +1,7 @@
-"""``simgap``: diagnose the gap between a recording and a MuJoCo model."""
+"""``simgap``: diagnose the gap between a recording and a MuJoCo model.
+
+Commands import what they need when they run, so that help appears at once.
+"""
 
 from __future__ import annotations
 
@@ -8,22 +11,23 @@ from typing import Annotated
 import typer
 
 import simgap
-from simgap.analysis.diagnose import Options, diagnose
 from simgap.blind.cli import blind_app
-from simgap.console import called, fail, print_diagnosis, progress, write_diagnosis
-from simgap.data.errors import GapInputError
-from simgap.data.mapping import load_map
-from simgap.data.plant import build_plant, load_spec
-from simgap.data.recording import load_table, recording_from_table
-from simgap.effects.library import load_effects
+from simgap.console import HELP, called, fail, guarded, print_diagnosis, progress, refusals, silence, write_diagnosis
 
 app = typer.Typer(
     name="simgap",
     help="Diagnose the sim-to-real gap: where it lies, which effect causes it, how far it shrinks.",
     no_args_is_help=True,
     add_completion=False,
+    context_settings=HELP,
 )
 app.add_typer(blind_app)
+
+Recordings = Annotated[
+    list[Path], typer.Argument(help="Tables (.csv, .npz, .parquet), LeRobot datasets, or bags (.mcap, .db3).")
+]
+Model = Annotated[Path, typer.Option(help="The nominal model, an MJCF.")]
+MapFile = Annotated[Path, typer.Option("--map", help="YAML that maps columns or topics to actuators and sensors.")]
 
 
 @app.callback()
@@ -39,35 +43,105 @@ def version_command() -> None:
 
 @app.command("diagnose")
 def diagnose_command(
-    recordings: Annotated[list[Path], typer.Argument(help="Tables (.csv, .npz, .parquet) with a header.")],
-    model: Annotated[Path, typer.Option(help="The nominal model, an MJCF.")],
-    map_: Annotated[Path, typer.Option("--map", help="YAML that maps columns to actuators and sensors.")],
-    out: Annotated[Path | None, typer.Option(help="Folder for diagnosis.json and report.html.")] = None,
+    recordings: Recordings,
+    model: Model,
+    map_: MapFile,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for diagnosis.json and report.html; `diagnosis` without --json.")
+    ] = None,
     json_: Annotated[Path | None, typer.Option("--json", help="File for the diagnosis.")] = None,
     effects: Annotated[list[Path] | None, typer.Option(help="Python files with effects of your own.")] = None,
     only: Annotated[list[str] | None, typer.Option(help="Consider this effect only (may be repeated).")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
     baselines: Annotated[bool, typer.Option(help="Also fit everything at once, for comparison.")] = True,
+    budget: Annotated[float | None, typer.Option(help="Seconds that it may take; the best answer by then.")] = None,
 ) -> None:
     """Say where the gap of a recording lies, which effect causes it, and how far the effect shrinks it.
 
     \b
     Example:
-      simgap diagnose log.csv --model robot.xml --map map.yaml --json diagnosis.json
+      simgap diagnose log.csv --model robot.xml --map map.yaml --out diagnosis
     """
-    try:
+    with refusals():
+        from simgap.analysis.diagnose import Options, diagnose
+        from simgap.data.mapping import load_map
+        from simgap.data.plant import build_plant, load_spec
+        from simgap.data.recording import load_recording
+        from simgap.effects.library import load_effects
+
         extra = tuple(c for path in effects or () for c in load_effects(path))
         plant = build_plant(load_spec(model), load_map(map_))
-        tables = [recording_from_table(load_table(r), plant, str(r)) for r in recordings]
-        with progress("align") as say:
-            found = diagnose(tables, plant, Options(seed, None, extra, {}, baselines, tuple(only or ()), say))
-    except GapInputError as error:
-        fail(str(error), 2)
-    found.report["command"] = called(["simgap"], "diagnose")
-    write_diagnosis(found, out, json_)
-    print_diagnosis(found)
+        with silence() as terminal, progress("align", terminal) as say:
+            read = [load_recording(r, plant) for r in recordings]
+            options = Options(seed, None, extra, {}, baselines, tuple(only or ()), say, budget=budget)
+            found = diagnose(read, plant, options)
+        found.report["command"] = called(["simgap"], "diagnose")
+        written = write_diagnosis(found, out or (None if json_ else Path("diagnosis")), json_)
+    print_diagnosis(found, written)
+
+
+@app.command("apply")
+def apply_command(
+    diagnosis: Annotated[Path, typer.Argument(help="The diagnosis.json of `simgap diagnose`.")],
+    model: Annotated[Path, typer.Option(help="The model that was diagnosed, an MJCF.")],
+    out: Annotated[Path, typer.Option(help="The corrected model (.xml) to write.")],
+    wrapper: Annotated[
+        Path | None, typer.Option(help="Python file for what no MJCF can say; by default OUT_signals.py.")
+    ] = None,
+    randomise: Annotated[
+        Path | None, typer.Option(help="YAML file for the intervals, as ranges for domain randomisation.")
+    ] = None,
+) -> None:
+    """Write what a diagnosis has found into the model, and what no model can say into a small Python file.
+
+    \b
+    Example:
+      simgap apply diagnosis/diagnosis.json --model robot.xml --out robot_corrected.xml --randomise ranges.yaml
+    """
+    if out.resolve() == model.resolve():
+        fail(f"--out: {out} is the model itself; choose another name", 2)
+    with refusals():
+        from simgap.correction.apply import apply, read_diagnosis
+        from simgap.correction.changes import Correction
+        from simgap.correction.ranges import write_ranges
+
+        report = read_diagnosis(diagnosis)
+        applied = apply(report, model, out, wrapper or out.with_name(f"{out.stem}_signals.py"))
+        if randomise is not None:
+            found = Correction.of(report["correction"])
+            write_ranges(randomise, found.changes, found.signals, str(diagnosis))
+    if report["verdict"] in ("ambiguous", "unknown"):
+        typer.echo(f"warning: the verdict was {report['verdict']}; what is written is its best guess", err=True)
+    for change in applied.written:
+        typer.echo(change.sentence)
+    for signal in applied.wrapped:
+        typer.echo(f"{signal.sentence} (in {applied.wrapper})")
+    for note in applied.notes:
+        typer.echo(f"not written: {note}", err=True)
+    if not applied.kept_text:
+        typer.echo("the model is written anew by MuJoCo: its layout and comments are not kept", err=True)
+    for path in (randomise, applied.wrapper, out):
+        if path is not None:
+            typer.echo(path)
+
+
+@app.command("effects")
+def effects_command(
+    name: Annotated[str | None, typer.Argument(help="Only this effect.")] = None,
+) -> None:
+    """List every effect that a diagnosis can name: what it is, where it acts, its parameters and their units."""
+    with refusals():
+        from simgap.catalogue import catalogue
+        from simgap.data.errors import GapInputError, nearest
+
+        rows = catalogue()
+        if name is not None and name not in {row.name for row in rows}:
+            raise GapInputError(f"no effect {name!r}; {nearest(name, [row.name for row in rows], 'effect')}")
+    for row in rows:
+        if name in (None, row.name):
+            typer.echo(f"{row.name} (at {row.site})\n    {row.sentence}\n    {row.parameters}")
 
 
 def main() -> None:
     """The console command."""
-    app(prog_name="simgap")
+    guarded(app, "simgap")

@@ -1,31 +1,67 @@
-"""What the commands share: progress, failure, and a diagnosis on the terminal and in files."""
+"""What the commands share: progress, failure, and a diagnosis on the terminal and in files.
+
+Nothing heavy is imported before it is needed: a command's help appears at once.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import math
+import os
 import shlex
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
-from simgap.analysis.diagnose import Diagnosis, write_experiment, write_report
-from simgap.report.evidence import gather
-from simgap.report.html import write_page
+from simgap.data.errors import GapInputError
+
+if TYPE_CHECKING:
+    from simgap.analysis.diagnose import Diagnosis
+
+HELP = {"help_option_names": ["-h", "--help"]}
+"""Settings of every command."""
 
 
 @contextlib.contextmanager
-def progress(first: str) -> Iterator[Callable[[str, float], None]]:
-    """A bar for a stage's share of 1 on a terminal, lines elsewhere."""
-    console = Console(stderr=True)
+def silence() -> Iterator[TextIO]:
+    """What other libraries print, in Python or below it, goes nowhere; yields the terminal for what is ours."""
+    streams = [sys.stdout, sys.stderr]
+    for stream in streams:
+        stream.flush()
+    saved = [os.dup(1), os.dup(2)]
+    # A test that replaces sys.stderr reads there; on a terminal it is descriptor 2.
+    on_terminal = sys.stderr is sys.__stderr__
+    with (
+        os.fdopen(os.dup(2), "w") as terminal,
+        Path(os.devnull).open("w") as nowhere,
+        warnings.catch_warnings(),
+        contextlib.redirect_stdout(nowhere),
+    ):
+        warnings.simplefilter("ignore")
+        for descriptor in (1, 2):
+            os.dup2(nowhere.fileno(), descriptor)
+        try:
+            yield terminal if on_terminal else streams[1]
+        finally:
+            for descriptor, old in zip((1, 2), saved, strict=True):
+                os.dup2(old, descriptor)
+                os.close(old)
+
+
+@contextlib.contextmanager
+def progress(first: str, terminal: TextIO | None = None) -> Iterator[Callable[[str, float], None]]:
+    """A bar for a stage's share of 1 on a terminal (by default stderr), lines elsewhere."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(file=terminal or sys.stderr)
     if console.is_terminal:
         columns = (TextColumn("{task.description:>16}"), BarColumn(), TimeElapsedColumn())
-        with Progress(*columns, console=console, transient=True) as bar:
+        with Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as bar:
             task = bar.add_task(first, total=1.0)
             yield lambda stage, share: bar.update(task, description=stage, completed=share)
         return
@@ -36,7 +72,7 @@ def progress(first: str) -> Iterator[Callable[[str, float], None]]:
         line = f"{stage}: {10 * int(10.0 * share)} %"
         if line != told:
             told = line
-            print(line, file=sys.stderr, flush=True)
+            print(line, file=terminal or sys.stderr, flush=True)
 
     yield tell
 
@@ -52,8 +88,37 @@ def fail(message: str, status: int) -> NoReturn:
     raise typer.Exit(status)
 
 
-def print_diagnosis(found: Diagnosis) -> None:
-    """The verdict, what was found, and the next experiment, on the terminal."""
+@contextlib.contextmanager
+def refusals() -> Iterator[None]:
+    """Input that cannot be used ends the command with its sentence and status 2."""
+    try:
+        yield
+    except GapInputError as error:
+        fail(str(error), 2)
+
+
+def guarded(app: typer.Typer, program: str) -> None:
+    """Run a program; what nobody foresaw is one sentence, not a traceback (unless SIMGAP_TRACEBACK is set)."""
+    try:
+        app(prog_name=program)
+    except Exception as error:
+        if os.environ.get("SIMGAP_TRACEBACK"):
+            raise
+        typer.echo(
+            f"{program}: an error of the program itself ({type(error).__name__}: {error}); please report it with what "
+            "SIMGAP_TRACEBACK=1 shows",
+            err=True,
+        )
+        sys.exit(1)
+
+
+def print_diagnosis(found: Diagnosis, report_file: Path | None = None) -> None:
+    """The verdict, what was found, and the next experiment, on the terminal; last, where the report is."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from simgap.report.sentences import free, left, limits
+
     console, report = Console(), found.report
     gap: dict[str, Any] = report["gap"]
     console.print(f"[bold]verdict: {report['verdict']}[/bold]")
@@ -70,21 +135,41 @@ def print_diagnosis(found: Diagnosis) -> None:
             table.add_row(effect["name"], effect["site"], name, f"{p['value']:.4g} {p['unit']}", interval)
     if report["effects"]:
         console.print(table)
+    for sentence in filter(None, (free(report), left(report), limits(report))):
+        console.print(sentence, highlight=False)
     for group in report["equivalent"]:
         console.print("not told apart: " + ", ".join(group))
     if report["next_experiment"]:
         proposed = report["next_experiment"]
-        console.print(f"next: {proposed['description']} (expected gain {proposed['expected_gain']:.1f} nats)")
+        gain = proposed["expected_gain"]
+        odds = f"odds of {math.exp(min(gain, 20.0)):.2g} to 1" if gain < 20.0 else "beyond doubt"
+        console.print(f"next: {proposed['description']} (should tell them apart by {gain:.1f} nats, {odds})")
     for warning in report["warnings"]:
         console.print(f"[yellow]warning:[/yellow] {warning}")
     console.print(f"{report['wall_s']:.1f} s")
+    if report_file is not None:
+        # Not wrapped by the width of the terminal, so that it can be copied.
+        print(report_file)
 
 
-def write_diagnosis(found: Diagnosis, out: Path | None, json_: Path | None) -> None:
-    """Write diagnosis.json, the page and the next experiment into ``out``, and the diagnosis into ``json_``."""
+def write_diagnosis(found: Diagnosis, out: Path | None, json_: Path | None) -> Path | None:
+    """Write diagnosis.json, the page and the next experiment into ``out``, and the diagnosis into ``json_``.
+
+    Returns:
+        The page, or where none is asked for the diagnosis.
+    """
+    from simgap.analysis.diagnose import write_experiment, write_report
+    from simgap.correction.apply import diagnosed
+    from simgap.report.evidence import gather
+    from simgap.report.html import write_page
+
+    fit = found.selection.best.fit
+    found.report["correction"] = diagnosed(found.selector.fitter, fit, found.report["effects"]).report()
     if out or json_:
         write_experiment(found, out or json_.parent, found.menu)  # type: ignore[union-attr]
     for path in filter(None, [json_, out / "diagnosis.json" if out else None]):
         write_report(found.report, path)
     if out:
         write_page(found.report, gather(found), out / "report.html")
+        return out / "report.html"
+    return json_

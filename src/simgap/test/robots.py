@@ -38,14 +38,19 @@ def simulate(
     noise: float = 2e-4,
     change: Callable[[mujoco.MjModel], None] | None = None,
     signal: Callable[[dict[str, Array]], dict[str, Array]] | None = None,
+    push: Callable[[mujoco.MjData], None] | None = None,
+    told: float = 1.0,
 ) -> dict[str, Array]:
-    """A table as a robot would have logged it: a plain mj_step loop, with held commands and white noise."""
+    """A table as a robot would have logged it: a plain mj_step loop, with held commands and white noise.
+
+    ``push`` may set forces before every step; ``told`` is a factor of the commands.
+    """
     model = plant_of(name).model
     if change:
         change(model)
     mujoco.mj_setConst(model, mujoco.MjData(model))
     n = int(seconds / period)
-    table = commands(name, seed, n, period)
+    table = {column: v if column == "t" else told * v for column, v in commands(name, seed, n, period).items()}
     acting = signal(table) if signal else table
     plant = plant_of(name)
     data = mujoco.MjData(model)
@@ -57,6 +62,8 @@ def simulate(
         mujoco.mj_forward(model, data)
         rows[k] = plant.read(data.sensordata)
         for _ in range(steps):
+            if push:
+                push(data)
             mujoco.mj_step(model, data)
     rows += noise * rng.standard_normal(rows.shape)
     return {"t": period * np.arange(n), **table, **{c.column: rows[:, i] for i, c in enumerate(plant.outputs)}}

@@ -128,6 +128,15 @@ def test_a_few_windows_far_off_are_no_case_of_no_gap() -> None:
     assert found.report["verdict"] == "unknown", found.report["reasons"]
 
 
+def test_of_a_robot_that_stood_still_nothing_is_known() -> None:
+    plant = plant_of("arm")
+    table = simulate("arm", 8.0, told=0.0)
+    found = diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=SOME[:2], threads=1))
+    assert found.report["verdict"] == "unknown"
+    assert "move each joint" in " ".join(found.report["reasons"])
+    assert sum("hardly moves" in warning for warning in found.report["warnings"]) == 2
+
+
 def test_friction_and_damping_are_not_taken_for_friction_alone() -> None:
     """Fitted with friction alone, a joint with both gives a confident wrong number: the pair, or no single effect."""
     report = _diagnose("pendulum", _both_frictions, 14.0).report
@@ -173,6 +182,11 @@ def test_what_is_finer_than_the_sensors_is_no_gap() -> None:
 
 
 KEYS = ("verdict", "gap", "where", "effects", "equivalent", "baselines", "next_experiment", "heldout", "noise_floor")
+GRADED = {
+    "waterfall": {"step", "gap", "rmse", "free_running"},
+    "calibration": {"name", "site", "nominal", "value", "unit", "ci90", "gap_share"},
+    "free_running": {"run", "model", "rmse"},
+}
 TOP = ("schema", "created", "command", "seed", "robot", "versions", "warnings", "wall_s")
 
 
@@ -206,6 +220,11 @@ def test_command_line_writes_every_key(files: dict[str, Path]) -> None:
         for parameter in effect["parameters"].values():
             assert {"value", "unit", "ci90"} <= set(parameter)
     assert report["verdict"] in result.output
+    for key, inside in GRADED.items():
+        assert all(inside <= set(row) for row in report[key])
+    assert {"share", "predictable_share", "goes_with", "sentence"} <= set(report["remainder"])
+    assert {r["model"] for r in report["free_running"]} == {"nominal", "recalibrated", "diagnosed", "fit_everything"}
+    assert report["remainder"]["sentence"] in " ".join(result.output.split())
 
 
 @pytest.mark.parametrize("before", [["simgap"], ["/usr/bin/python", "-m", "simgap"]])

@@ -103,6 +103,24 @@ def test_map_file_errors_name_the_file(tmp_path: Path) -> None:
             load_map(path)
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"[" * 20_000, "nested more than 20 deep in line 1"),
+        (b"a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n", r"the alias \*a in line 2: a map is written without"),
+        (b"a: [" + b"1, " * 30_000 + b"]", "longer than 50000 bytes"),
+        (b"time: 2026-99-99\n", "month must be in 1..12"),
+        (b"\xff\xfe\xfd", "can't decode"),
+        (b"- time\n", "needs the keys time, inputs and outputs"),
+    ],
+)
+def test_a_map_beyond_all_measure_is_refused_in_one_sentence(tmp_path: Path, text: bytes, message: str) -> None:
+    path = tmp_path / "map.yaml"
+    path.write_bytes(text)
+    with pytest.raises(GapInputError, match=f"map.yaml: .*{message}"):
+        load_map(path)
+
+
 def test_missing_column_suggests_the_nearest() -> None:
     table = simulate("arm", 5.0)
     table["q_0"] = table.pop("q0")
@@ -213,6 +231,28 @@ def test_noise_floor_sees_quantisation_and_repeats() -> None:
     joined = {k: np.concatenate([one[k], two[k] + (10.0 if k == "t" else 0.0)]) for k in one}
     _, _, floor = aligned_of("pendulum", joined)
     assert floor[0] == pytest.approx(slow / np.sqrt(2), rel=0.3)
+
+
+def test_an_encoder_s_count_is_found_though_stamps_are_irregular_and_digits_few() -> None:
+    table = simulate("pendulum", 10.0, noise=0.0)
+    step = 2 * np.pi / 4096
+    rng = np.random.default_rng(0)
+    table["t"] = table["t"] + rng.uniform(0.0, 0.1 * np.diff(table["t"]).min(), len(table["t"]))
+    table["q"] = np.round(np.round(table["q"] / step) * step, 5)
+    _, aligned, floor = aligned_of("pendulum", table)
+    assert aligned.lattice[0] == pytest.approx(step, rel=0.02)
+    assert floor[0] >= 0.98 * step / np.sqrt(12)
+
+
+def test_a_map_may_say_what_a_sensor_resolves() -> None:
+    def resolving(value: float):  # type: ignore[no-untyped-def]
+        return lambda data: data["outputs"][0].update(resolution=value)
+
+    plant = plant_of("pendulum", resolving(0.01))
+    floor = noise_floor(align(recording_from_table(simulate("pendulum", 6.0, noise=0.0), plant), plant))
+    assert floor[0] >= 0.01 / np.sqrt(12)
+    with pytest.raises(GapInputError, match=r"outputs\[0\].resolution"):
+        plant_of("pendulum", resolving(-1.0))
 
 
 def _check(name: str, table: dict[str, np.ndarray], edit=None) -> list[str]:  # type: ignore[no-untyped-def,type-arg]

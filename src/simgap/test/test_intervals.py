@@ -40,7 +40,7 @@ def about_nominal() -> tuple[Fitter, Fit]:
     x, z = hypothesis.vector("neutral") + 0.5 * hypothesis.vector("scale"), np.zeros(len(fitter.nuisances))
     residual = fitter.replay(hypothesis, [(x, z)])[0]
     fitter.refresh(hypothesis, x, z, residual)
-    fitter.independent[:] = BLOCKS
+    fitter.likelihood.independent[:] = BLOCKS
     return fitter, Fit(hypothesis, x, z, 0.0, residual, fitter.sensitivities(hypothesis, x, z, residual))
 
 

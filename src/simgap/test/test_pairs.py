@@ -120,8 +120,9 @@ def test_an_effect_counts_that_shows_beside_a_channel_that_is_far_off() -> None:
     def fit(second: float, *effects: Effect) -> Scored:
         held = np.broadcast_to([200.0**2, second**2], fitter.recorded.shape)
         none = np.zeros(0)
-        cost = float(fitter.data_cost(held))
-        return scores.scored(Fit(Hypothesis(effects), none, none, cost, none, none, held))
+        made = Fit(Hypothesis(effects), none, none, float(fitter.data_cost(held)), none, none, held)
+        made.held_cost = fitter.likelihood.costs(held, fitter.likelihood.scale(held)).sum(axis=-1)
+        return scores.scored(made)
 
     without, with_ = fit(20.0), fit(2.0, effects[0])
     assert with_.gap > 0.99 * without.gap

@@ -8,10 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from robots import MODELS, aligned_of, simulate
+from robots import MODELS, aligned_of, plant_of, simulate
 
-from simgap.data.align import Aligned
+from simgap.data.align import Aligned, align
+from simgap.data.noise_floor import noise_floor
 from simgap.data.plant import Plant
+from simgap.data.recording import recording_from_table
 from simgap.inference.residual import Residuals, channel_gap
 from simgap.simulation.integration import finer
 from simgap.simulation.replay import Replayer
@@ -205,3 +207,32 @@ def test_where_a_dead_channel_s_joint_is_follows_from_its_servo() -> None:
     assert len(replayer.unseen()) == 1
     assert replayer.guesswork() < 0.1
     np.testing.assert_array_equal(before, replayer.run(nominal))
+
+
+def test_a_servo_that_was_switched_off_gives_no_torque_then() -> None:
+    own: list[mujoco.MjModel] = []
+    kept: list[Array] = []
+
+    def switch(data: mujoco.MjData) -> None:
+        model = own[-1]
+        off = (int(data.time / 0.005 + 1e-6) * 0.005) % 2.0 > 1.201
+        model.actuator_gainprm[:], model.actuator_biasprm[:] = (0.0, 0.0) if off else (kept[0], kept[1])
+
+    def keep(model: mujoco.MjModel) -> None:
+        own.append(model)
+        kept.extend([model.actuator_gainprm.copy(), model.actuator_biasprm.copy()])
+
+    table = simulate("pendulum", 12.0, change=keep, push=switch)
+    table["on"] = (table["t"] % 2.0 <= 1.201).astype(float)
+    gaps: dict[bool, float] = {}
+    for told in (True, False):
+        row = {"enabled": {"column": "on"}} if told else {}
+        plant = plant_of("pendulum", lambda data, row=row: data.update(row))  # type: ignore[misc]
+        aligned = align(recording_from_table(table, plant), plant)
+        assert aligned.enabled.all() != told
+        floor = noise_floor(aligned)
+        replayer = Replayer(plant, aligned, cut(aligned, 0.4), floor, 1)
+        residuals = Residuals.build(replayer, Variant.nominal(plant))
+        # Of most windows: one that begins in the corner of a switch has a bad start.
+        gaps[told] = np.median(np.sqrt((residuals.of([Variant.nominal(plant)])[0] ** 2).mean(axis=(1, 2))))
+    assert gaps[True] < 1.5 and gaps[False] > 10.0

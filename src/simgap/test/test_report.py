@@ -18,8 +18,10 @@ from simgap.data.errors import GapInputError
 from simgap.data.recording import recording_from_table
 from simgap.report.drawing import draw_robot
 from simgap.report.evidence import Evidence, gather
+from simgap.report.glossary import GLOSSARY
 from simgap.report.html import page, write_page
-from simgap.report.sentences import how_far, sentences, title, what, where
+from simgap.report.progress import free_table
+from simgap.report.sentences import TITLES, amount, free, how_far, sentences, title, what, where
 from simgap.report.style import svg
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
@@ -61,6 +63,9 @@ def test_the_page_says_what_was_found(html: str, found: Diagnosis) -> None:
         assert sentence.split(",")[0].replace("'", "&#39;") in html
     assert "viscous friction" in html and "elbow" in html
     assert "In degrees" in html and "Noise floors" in html
+    assert "Running free" in html and "Numbers of the model that moved" in html
+    for word, _ in GLOSSARY:
+        assert f"<dt>{word}</dt>" in html
 
 
 def test_the_curves_are_of_held_out_windows_and_get_closer(found: Diagnosis, evidence: Evidence) -> None:
@@ -91,16 +96,53 @@ def test_every_verdict_has_its_sentences(found: Diagnosis) -> None:
     report = found.report
     for verdict, words in (
         ("no_gap", "No known effect"),
-        ("unknown", "No effect that the library knows can be believed: it moves"),
+        ("calibration", "numbers of the model are a little off"),
+        ("unknown", "What explains most is viscous friction at elbow"),
+        ("unknown", "It is not settled: it moves."),
+        ("partial", "Most of it is caused by viscous friction at elbow"),
         ("effect", "caused by"),
     ):
         assert words in what(report | {"verdict": verdict, "reasons": ["it moves"]})
+    nothing = report | {"verdict": "unknown", "reasons": ["it moves", "it rests"], "effects": []}
+    assert what(nothing) == "The cause is not settled: it moves; it rests."
     alike = report | {"verdict": "ambiguous", "equivalent": [["mass@upper", "inertia@fore + armature@elbow"]]}
     assert "inertia at fore, armature at elbow" in what(alike)
     gap = report["gap"]
     assert "grows by 20 %" in how_far(report | {"gap": gap | {"shrink": -0.2}})
     assert "1 is as good" in how_far(report)
     assert "every channel" in where(report | {"gap": gap | {"before": 1.1}})
+
+
+def test_no_title_throws_a_right_diagnosis_away(found: Diagnosis) -> None:
+    report = found.report | {"remainder": found.report["remainder"] | {"share": 0.15}}
+    titles = {v: title(report | {"verdict": v}) for v in TITLES}
+    assert len(set(titles.values())) == len(titles) == 6
+    assert titles["partial"] == "Viscous friction at elbow explains most of it, 15 % stays unexplained"
+    assert titles["unknown"] == "Not settled: viscous friction at elbow explains it best"
+    little = report | {"verdict": "unknown", "remainder": report["remainder"] | {"share": 0.8}}
+    assert title(little) == title(little | {"effects": []}) == "No cause explains a good share of it"
+
+
+def test_a_number_at_its_limit_is_told_whatever_the_verdict(found: Diagnosis) -> None:
+    row = {"name": "com x", "site": "torso", "nominal": 0.0, "value": 0.012, "unit": "m", "at_limit": True}
+    for verdict in TITLES:
+        told = sentences(found.report | {"verdict": verdict, "calibration": [row]})
+        assert any("com x of torso 0.012 m instead of 0" in s and "limit" in s for s in told)
+    assert not any("limit" in s for s in sentences(found.report | {"calibration": [row | {"at_limit": False}]}))
+
+
+def test_free_runs_are_told_in_the_channels_unit(found: Diagnosis) -> None:
+    report = found.report
+    assert amount(0.0123, "rad") == "12.3 mrad" and amount(0.0004, "m") == "0.4 mm" and amount(2.0, "1") == "2"
+    assert amount(None, "rad") == amount(float("nan"), "m") == "broke down"
+    table = free_table(report)
+    before, after = report["waterfall"][0]["free_running"], report["waterfall"][-1]["free_running"]
+    for name, (values, unit) in table["channels"].items():
+        assert unit == "rad" and values[0] == pytest.approx(before[name]) and values[2] == pytest.approx(after[name])
+    name = report["where"][0]["channel"]
+    assert f"falls from {amount(before[name], 'rad')} to {amount(after[name], 'rad')}" in free(report)
+    lost = [*report["waterfall"][:-1], report["waterfall"][-1] | {"free_running": dict.fromkeys(after, float("nan"))}]
+    assert "breaks down" in free(report | {"waterfall": lost})
 
 
 SHAPES = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body name="a"><freejoint/>

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from nermo_bringup.demo.evaluation import Track
+from nermo_bringup.demo.evaluation import Track, read_foot_forces
 from nermo_bringup.demo.plan import LIFTED, Plan, Scene
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_node.recording import Recording
@@ -68,17 +67,22 @@ def draw_balance(forces: tuple[Any, Any], plan: Plan, path: Path) -> None:
 
 
 def draw_gaits(recording: Recording, start: int, plan: Plan, path: Path) -> None:
-    """Which foot touches the ground when, for the end of each walk; `start` [ns] is when the plan began."""
-    topic = recording.topic_ending("truth/foot_forces")
-    data = recording.read([topic])[topic]
-    time, contact = (data.stamp - start) * 1e-9, data["contact"].astype(bool)
+    """Which foot carries how much and when, for the end of each walk; `start` [ns] is when the plan began."""
+    from nermo_sim.plots import GAIT_KEY, draw_gait
+
+    topic = recording.topic_ending("leg_states")
+    legs = recording.read([topic])[topic]
+    time, load = read_foot_forces(recording, start)
+    newest = np.searchsorted(legs.stamp, np.round(time * 1e9) + start, side="right") - 1
+    planned = (legs["phases"] == 0)[np.maximum(newest, 0)]
     walks = [scene for scene in plan.scenes if scene.kind == "walk"]
     figure = Figure(figsize=(9.0, 2.2 * len(walks)), layout="constrained")
     for axes, scene in zip(np.atleast_1d(figure.subplots(len(walks), 1)), walks, strict=True):
         begin = max(scene.begin, scene.end - GAIT_WINDOW_S)
         rows = (time >= begin) & (time <= scene.end)
-        _gait(axes, time[rows], contact[rows])
-        axes.set(title=f"{_name(scene)}: feet on the ground", xlabel="time [s]", xlim=(begin, scene.end))
+        draw_gait(axes, time[rows], planned[rows], load[rows])
+        axes.set(title=_name(scene), xlim=(begin, scene.end))
+    figure.suptitle(f"Gaits: {GAIT_KEY}")
     figure.savefig(path, dpi=120)
 
 
@@ -142,13 +146,6 @@ def _states(recording: Recording, model: Any) -> tuple[Any, Any]:
             torso_in_base_turn,
         )
     return joints.stamp, states
-
-
-def _gait(axes: Axes, time: Any, contact: Any) -> None:
-    for row in range(len(LEGS)):
-        axes.fill_between(time, row - 0.4, row + 0.4, where=list(contact[:, row]), step="post", color="C0", linewidth=0)
-    axes.set_yticks(range(len(LEGS)), [leg.replace("_", " ") for leg in LEGS])
-    axes.invert_yaxis()
 
 
 def _moving(plan: Plan) -> Sequence[Scene]:

@@ -51,7 +51,7 @@ def screen(view: View) -> RenderableType:
         "gait", f"{driver.gait or driver.default_gait or 'its own gait'} at {frequency:g} Hz, {_settings(driver)}"
     )
     if driver.stopped or limp:
-        facts.add_row("state", Text(f"EMERGENCY STOP, {view.state}; 1 ends it", style="bold red"))
+        facts.add_row("state", Text(f"EMERGENCY STOP, {view.state}; 1 releases", style="bold red"))
     elif view.fallen:
         facts.add_row("state", Text("FELL OVER; q ends, and the next drive begins on its feet", style="bold red"))
     else:

@@ -21,6 +21,7 @@ from nermo_control.nodes.conversions import odometry_from_message
 from nermo_interfaces.msg import ControlCommand, ServoCommand
 from nermo_node import qos
 from nermo_node.complaints import Complaints
+from nermo_node.inputs import Inputs
 from nermo_node.run import EventsExecutor
 
 FRESH_S = 0.5
@@ -53,7 +54,8 @@ class Drive(Node):
         super().__init__("drive", namespace=namespace)
         self._driver = driver
         self.odometer = Odometer()
-        self.operator = Operator(self, driver, Complaints(self, "refused").add_one, lambda: self.time_ns)
+        refuse = Complaints(self, "refused").add_one
+        self.operator = Operator(self, driver, refuse, lambda: self.time_ns)
         self.time_ns = 0
         """Of the twin; 0 until it has begun."""
         self.fallen = False
@@ -64,8 +66,9 @@ class Drive(Node):
         self._heard_at = 0.0
         self._trouble: dict[str, tuple[float, str]] = {}
         self._first_answer = self.create_subscription(ServoCommand, "servo_command", self._on_answer, qos.BEST_EFFORT)
-        self.create_subscription(OdometryMessage, "truth/odom", self._on_odometry, qos.BEST_EFFORT)
-        self.create_subscription(ControlCommand, "control_command", self._on_command, qos.COMMAND)
+        inputs = Inputs(self, refuse)
+        inputs.subscribe(OdometryMessage, "truth/odom", self._on_odometry, qos.BEST_EFFORT)
+        inputs.subscribe(ControlCommand, "control_command", self._on_command, qos.COMMAND)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
 
     def alive(self, needs_gaits: bool) -> bool:

@@ -32,8 +32,8 @@ class Limits(BaseModel):
 class Driver:
     """The settings that buttons and keys change, and the command made of them and the sticks.
 
-    A posture stays until the stick is moved or another is chosen. An emergency stop stays until the mouse is told to
-    stand.
+    A posture stays until the stick is moved or another is chosen. An emergency stop is said until the mouse is
+    told to stand; the servos have power again when no other source says stop either.
     """
 
     limits: Limits
@@ -54,7 +54,7 @@ class Driver:
     straight_line: bool = False
     spine_modes: SpineModes = field(default_factory=SpineModes)
     stopped: bool = False
-    """An emergency stop is on."""
+    """This source says stop."""
     release_wanted: bool = False
     """The servos shall have power again, if they have none; whoever asks for that takes it back."""
 
@@ -65,7 +65,7 @@ class Driver:
         self.posture = Posture.STOP
 
     def take(self, posture: Posture) -> None:
-        """Take a posture. Standing ends an emergency stop and asks for a release; nothing else does."""
+        """Take a posture. Standing takes back this source's stop and asks for the release; nothing else does."""
         if posture is Posture.STAND:
             self.stopped = False
             self.release_wanted = True

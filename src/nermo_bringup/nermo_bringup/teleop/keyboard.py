@@ -45,7 +45,7 @@ HELP = {
     "w s a d": "forward, backward, left, right (or the arrow keys); hold to keep going",
     "e r": "forward and left, forward and right",
     "space": "stop now",
-    "x": "EMERGENCY STOP, limp; 1 ends it",
+    "x": "EMERGENCY STOP, limp; 1 takes it back",
     "1 2 3": "stand, sit, crouch",
     "4": "lift a leg: front left, front right, rear left, rear right, none",
     "0": "freeze every servo",

@@ -17,7 +17,7 @@ class PadMapping:
     """Turns gamepad messages into commands for as long as the dead-man button is held.
 
     When it is released, or the messages stop, one command that stops the mouse is given and then none. The emergency
-    stop and the freeze work without the dead-man button; an emergency stop is repeated until it is ended.
+    stop and the freeze work without the dead-man button; an emergency stop is repeated until it is taken back.
     Times are seconds of any clock that does not stop.
     """
 

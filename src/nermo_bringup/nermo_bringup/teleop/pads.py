@@ -29,7 +29,7 @@ class _Controls(BaseModel):
     turn: str
     dead_man: str = Field(description="held while driving; the mouse stops when it is released")
     emergency_stop: str
-    stand: str | None = Field(None, description="stand on four feet; also ends an emergency stop")
+    stand: str | None = Field(None, description="stand on four feet; takes back this pad's stop, asks for the release")
     sit: str | None = None
     crouch: str | None = None
     freeze: str | None = Field(None, description="freeze every servo until another posture is asked for")

@@ -14,9 +14,8 @@ from simgap.data.channels import model_names
 from simgap.data.plant import Plant
 from simgap.effects.base import Effect
 from simgap.effects.body import gyration, shift_com
-from simgap.effects.contact import lean
 from simgap.inference import nuisance as prior
-from simgap.inference.nuisance import Nuisance
+from simgap.inference.nuisance import Nuisance, Number
 from simgap.simulation.contacts import colliding
 from simgap.simulation.variant import Variant
 
@@ -103,21 +102,25 @@ def nuisances(plant: Plant, output_swing: Array, input_size: Array, period: floa
     """Nominal numbers of the mouse with their priors: those of the core, but parts that are alike move together."""
     model = plant.model
     timing = prior.TIMING * (period + float(model.opt.timestep))
-    found = [Nuisance("timing of inputs", _timing(timing))]
+    found = [Nuisance("timing of inputs", _timing(timing), Number("timing of inputs", "", 0.0, timing, "s", False))]
     # What comes over the servos' bus, and from the IMU, was measured before it was stamped.
     for label, kind in (("servo reports", ("_position", "_torque", "_encoder")), ("IMU", GYRO)):
         late = [i for i, output in enumerate(plant.outputs) if output.name.endswith(kind)]
         if late:
-            found.append(Nuisance(f"age of {label}", _age(late, timing)))
+            found.append(Nuisance(f"age of {label}", _age(late, timing), Number("age", label, 0.0, timing, "s", False)))
     bodies = {name: i for i, name in enumerate(model_names(model, Obj.mjOBJ_BODY))}
     torsos = [bodies["torso"], bodies["rear_torso"]]
     limbs = [i for i in bodies.values() if i and i not in torsos]
     for label, rows in (("torso", torsos[:1]), ("rear torso", torsos[1:]), ("limbs", limbs)):
-        found.append(Nuisance(f"mass {label}", _scaled(("body_mass", "body_inertia"), rows, prior.MASS)))
+        number = Number("mass", label, float(model.body_mass[rows].sum()), prior.MASS, "kg")
+        found.append(Nuisance(f"mass {label}", _scaled(("body_mass", "body_inertia"), rows, prior.MASS), number))
     for body, axes in zip(torsos, ("xyz", "x"), strict=True):
-        size = prior.COM * gyration(model, body)
-        found += [Nuisance(f"com {model.body(body).name} {a}", _com(body, "xyz".index(a), size)) for a in axes]
-    found.append(Nuisance("inertia torsos", _scaled(("body_inertia",), torsos, prior.INERTIA)))
+        size, name = prior.COM * gyration(model, body), model.body(body).name
+        for axis in map("xyz".index, axes):
+            number = Number(f"com {'xyz'[axis]}", name, float(model.body_ipos[body, axis]), size, "m", False)
+            found.append(Nuisance(f"com {name} {'xyz'[axis]}", _com(body, axis, size), number))
+    number = Number("inertia", "torsos", float(model.body_inertia[torsos[0]].max()), prior.INERTIA, "kg m^2")
+    found.append(Nuisance("inertia torsos", _scaled(("body_inertia",), torsos, prior.INERTIA), number))
     joints = model_names(model, Obj.mjOBJ_JOINT)
 
     def dofs(*ends: str) -> list[int]:
@@ -130,28 +133,31 @@ def nuisances(plant: Plant, output_swing: Array, input_size: Array, period: floa
         ("armature servos", "dof_armature", shafts),
         ("damping printed joints", "dof_damping", [*knees, *ankles, *vertebrae]),
     ):
-        found.append(Nuisance(label, _scaled((field,), rows, prior.PASSIVE)))
+        number = prior.passive(model, field, rows[0], label.split(" ", 1)[1])
+        found.append(Nuisance(label, _scaled((field,), rows, prior.PASSIVE), number))
     # Where the servos report, each has a gain of its own to be told; seen from outside, those that are alike share one.
     apart = servos_report(plant.map)
     springs = {n: i for i, n in enumerate(joints) if n.endswith("_knee_joint")}
     for label, rows in _alike(springs, apart).items():
-        found.append(Nuisance(f"stiffness {label}", _scaled(("jnt_stiffness",), rows, prior.PASSIVE)))
+        number = prior.passive(model, "jnt_stiffness", rows[0], label)
+        found.append(Nuisance(f"stiffness {label}", _scaled(("jnt_stiffness",), rows, prior.PASSIVE), number))
     for label, rows in (("ankles", ankles), ("spine", vertebrae)):
         hinges = [int(model.dof_jntid[d]) for d in rows]
-        found.append(Nuisance(f"stiffness {label}", _scaled(("jnt_stiffness",), hinges, prior.PASSIVE)))
+        number = prior.passive(model, "jnt_stiffness", hinges[0], label)
+        found.append(Nuisance(f"stiffness {label}", _scaled(("jnt_stiffness",), hinges, prior.PASSIVE), number))
     servos = {n: i for i, n in enumerate(model_names(model, Obj.mjOBJ_ACTUATOR)) if not n.startswith(_IDLE)}
     for label, rows in _alike(servos, apart).items():
-        found.append(Nuisance(f"gain {label}", _gain(rows)))
+        found.append(Nuisance(f"gain {label}", _gain(rows), prior.servo_gain(model, rows[0], site=label)))
     world, feet = colliding(model)
-    found.append(Nuisance("ground friction", _sliding([*world, *feet])))
-    found.append(Nuisance("contact softness", _softness([*world, *feet])))
+    found.append(Nuisance("ground friction", _sliding([*world, *feet]), prior.sliding(model, feet)))
+    found.append(Nuisance("contact softness", _softness([*world, *feet]), prior.softness(model, feet)))
     found += prior.firmness(model)
-    found.append(Nuisance("pitch of gravity", lambda v, z: lean(v.model, prior.TILT * z, 0.0)))
-    found.append(Nuisance("roll of gravity", lambda v, z: lean(v.model, 0.0, prior.TILT * z)))
+    found += prior.tilts()
     for i, output in enumerate(plant.outputs):
         if output.qpos >= 0:
             sd = min(prior.ZERO, 0.02 * float(output_swing[i]))
-            found.append(Nuisance(f"zero {output.name}", _zero(i, sd)))
+            number = Number("zero of sensor", output.name, 0.0, sd, output.unit or "1", False)
+            found.append(Nuisance(f"zero {output.name}", _zero(i, sd), number))
     return found
 
 

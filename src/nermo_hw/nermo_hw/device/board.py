@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -145,6 +146,10 @@ class ServoBoard(Board):
         self.stuck = 0
         """Channels whose readings do not change any more, although the servo answers."""
         self._frozen = np.zeros((3, CHANNELS))
+        self.unreadable = 0
+        """Channels whose servo answers that it cannot measure."""
+        self.angle_error = np.zeros(CHANNELS)
+        """How far the angle that is told is from where the servo is [rad]."""
         self.extra_current = np.zeros(CHANNELS)
         """Drawn by a servo beside what moves it [A], for tests."""
         super().__init__(address, serial_number, ppm, stored)
@@ -199,6 +204,10 @@ class ServoBoard(Board):
         self._frozen = self._measure()
         self.stuck = channels & self.populated
 
+    def set_unreadable(self, channels: int) -> None:
+        """Servos that answer, but have no reading."""
+        self.unreadable = channels & self.populated
+
     def acknowledge(self) -> None:
         super().acknowledge()
         self.over_current = 0
@@ -236,7 +245,10 @@ class ServoBoard(Board):
             self._power(wanted)
         if request.flags & boards.POINT and self.energised:
             self.interpolator.add(np.array(request.targets))
-        sensors, (positions, velocities, currents) = self._sense(), self._measure()
+        sensors, measured = self._sense(), self._measure()
+        measured[0] += self.angle_error
+        measured[:, [bool(self.unreadable >> channel & 1) for channel in range(CHANNELS)]] = math.nan
+        positions, velocities, currents = measured
         waiting = min(self.interpolator.waiting, 15)
         return boards.ServoAnswer(
             request.sequence,
@@ -284,6 +296,8 @@ class BodyBoard(Board):
         self._random = np.random.default_rng(seed)
         self.frozen: frozenset[str] = frozenset()
         """Of "imu" and "battery", those whose readings do not change any more."""
+        self.unreadable: frozenset[str] = frozenset()
+        """Of "imu" and "battery", those that have no reading."""
         self.no_orientation = False
         """The IMU's own computer has lost it: all zeros."""
         self._imu: tuple[Array, Array, Array] | None = None
@@ -304,7 +318,13 @@ class BodyBoard(Board):
         if self._power is None or "battery" not in self.frozen:
             self._power = self._supply()
         time = self.clock.local(now) // 1000
-        return boards.BodyAnswer(request.sequence, int(self.faults), time, *self._imu, *self._power).encode()
+        orientation, rate, acceleration = self._imu
+        if "imu" in self.unreadable:
+            orientation, rate, acceleration = (np.full_like(part, math.nan) for part in self._imu)
+        power = (math.nan, math.nan) if "battery" in self.unreadable else self._power
+        return boards.BodyAnswer(
+            request.sequence, int(self.faults), time, orientation, rate, acceleration, *power
+        ).encode()
 
     def _look_at_battery(self) -> None:
         voltage, _ = self._supply()

@@ -249,6 +249,20 @@ class Device:
         for board in self.servo_boards:
             board.set_stuck(self._channels(board, names))
 
+    def set_unreadable(self, names: Sequence[str]) -> None:
+        """Exactly these sensors say that they have no reading: "imu", "battery", and servos. Raises FaultError."""
+        names_only("sensor", names, ("imu", "battery", *self._names))
+        self.body.unreadable = frozenset(names)
+        for board in self.servo_boards:
+            board.set_unreadable(self._channels(board, names))
+
+    def set_angle_error(self, servo: str, angle: float) -> None:
+        """How far a servo's reading is from where it is [rad], as after its horn has slipped. Raises FaultError."""
+        if not -3.0 <= angle <= 3.0:
+            raise FaultError(f"angle error = {angle!r} rad: must be within -3 and 3")
+        board, channel = self._channel(servo)
+        board.angle_error[channel] = angle
+
     def set_silent_boards(self, names: Sequence[str]) -> None:
         """Exactly these boards do not answer, as in "servo board 3". Raises FaultError."""
         names_only("board", names, [board_name(address) for address in self.boards])
@@ -256,13 +270,10 @@ class Device:
 
     def set_extra_current(self, servo: str, current: float) -> None:
         """A servo that draws more than it should [A]. Raises FaultError."""
-        names_only("servo", [servo], self._names)
         if not 0.0 <= current <= 10.0:
             raise FaultError(f"extra current = {current!r} A: must be within 0 and 10")
-        for board in self.servo_boards:
-            for channel, place in enumerate(board.servos):
-                if place is not None and self._names[place] == servo:
-                    board.extra_current[channel] = current
+        board, channel = self._channel(servo)
+        board.extra_current[channel] = current
 
     def set_charge(self, charge: float) -> None:
         """Charge of the battery [0, 1]. Raises FaultError."""
@@ -272,11 +283,10 @@ class Device:
 
     def move_by_hand(self, servo: str, position: float) -> None:
         """Somebody turns a limp servo to a joint angle [rad]. Raises FaultError, also where the servo has power."""
-        names_only("servo", [servo], self._names)
-        place = self._names.index(servo)
-        if any(place == p and b.energised >> c & 1 for b in self.servo_boards for c, p in enumerate(b.servos)):
+        board, channel = self._channel(servo)
+        if board.energised >> channel & 1:
             raise FaultError(f"servo {servo} has power: it cannot be turned by hand")
-        self.plant.move_by_hand(place, position)
+        self.plant.move_by_hand(self._names.index(servo), position)
         self._sensed = None
 
     def state(self) -> dict[str, object]:
@@ -304,6 +314,12 @@ class Device:
         return {board_name(address): board.registers.stored for address, board in self.boards.items()}
 
     # Inside
+
+    def _channel(self, servo: str) -> tuple[ServoBoard, int]:
+        """Where a servo is plugged in. Raises FaultError where there is none of that name."""
+        names_only("servo", [servo], self._names)
+        place = self._names.index(servo)
+        return next((board, board.servos.index(place)) for board in self.servo_boards if place in board.servos)
 
     def _channels(self, board: ServoBoard, names: Sequence[str]) -> int:
         """The channels of a board that these servos hang on, as bits."""

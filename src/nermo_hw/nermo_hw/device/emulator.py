@@ -247,6 +247,8 @@ class Emulator:
         "silent_servos": lambda self, names: self.device.set_silent_servos(names),
         "silent_boards": lambda self, names: self.device.set_silent_boards(names),
         "frozen": lambda self, names: self.device.set_frozen(names),
+        "unreadable": lambda self, names: self.device.set_unreadable(names),
+        "angle_error": lambda self, servo, angle: self.device.set_angle_error(servo, angle),
         "brown_out": lambda self: self.device.brown_out(),
         "charge": lambda self, value: self.device.set_charge(value),
         "extra_current": lambda self, servo, current: self.device.set_extra_current(servo, current),
@@ -260,7 +262,8 @@ class Control:
     """The other end of an emulator's control socket. Raises LineError where there is none.
 
     Words: `state`; `line_fault` (name, value: see `LineFaults`); `silent_servos` (names); `silent_boards` (names);
-    `frozen` (names of servos, imu, battery: readings that do not change any more); `brown_out`; `charge` (value);
+    `frozen` (names of servos, imu, battery: readings that do not change any more); `unreadable` (names: those say that
+    they have no reading); `angle_error` (servo, angle: its reading is so far off); `brown_out`; `charge` (value);
     `extra_current` (servo, current); `move_by_hand` (servo, position); `unplug` (seconds); `points`: what the boards
     were told since the last call, as (monotonic time [ns], targets [rad]).
     """

@@ -25,12 +25,16 @@ from nermo_node.command_input import CommandInput
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import ERROR, OK, WARN, Diagnostics, Status
 from nermo_node.emergency_stop_input import EmergencyStopInput
+from nermo_node.inputs import Inputs
 from nermo_node.parameters import blame, declare
 from nermo_node.run import run
 from nermo_node.time import to_message, to_nanoseconds
 
 TICK_S = 0.02
 """Between two looks at what does not come any more."""
+NO_IMU: tuple[Array, Array, Array] = (np.full(4, math.nan), np.full(3, math.nan), np.full(3, math.nan))
+NO_SUPPLY = (math.nan, math.nan)
+"""As long as nothing has come, or where what came cannot be."""
 
 
 class SafetySupervisorParameters(SafetySettings):
@@ -53,10 +57,9 @@ class SafetySupervisorNode(Node):
         self._supervisor = SafetySupervisor(robot, settings, now=self._now())
         self._names = list(robot.servos)
         self._auto_release = settings.auto_release
-        nothing = np.full(3, math.nan)
-        self._imu = (np.full(4, math.nan), nothing, nothing)
-        """Orientation, rates, accelerations; no numbers as long as none have come."""
-        self._supply = (math.nan, math.nan)
+        self._imu = NO_IMU
+        """Orientation, rates, accelerations."""
+        self._supply = NO_SUPPLY
         """Voltage, current."""
         self._power: bool | None = None
         self._sensed_at = self._now()
@@ -67,9 +70,14 @@ class SafetySupervisorNode(Node):
         # The supervisor's door judges the stamps.
         self._owned = CommandInput(self, lambda text: self._refused.add([text]), self._now, oldest=None)
         self._owned.subscribe(ServoCommand, "servo_command", self._on_command)
-        self.create_subscription(ServoStates, "servo_states", self._on_servo_states, qos.BEST_EFFORT)
-        self.create_subscription(Imu, "imu/data_raw", self._on_imu, qos.BEST_EFFORT)
-        self.create_subscription(BatteryState, "battery", self._on_battery, qos.BEST_EFFORT)
+        # A sensor that says what cannot be has no reading, and the supervisor acts on that.
+        inputs = Inputs(self, self._refused.add_one)
+        for kind, topic, take, refused in (
+            (ServoStates, "servo_states", self._on_servo_states, self._servos_without_reading),
+            (Imu, "imu/data_raw", self._on_imu, self._imu_without_reading),
+            (BatteryState, "battery", self._on_battery, self._battery_without_reading),
+        ):
+            inputs.subscribe(kind, topic, take, qos.BEST_EFFORT, refused)
         self._stop_input = EmergencyStopInput(self, self._supervisor.stops, self._decide, self._release)
         parts = {"safety": self._status, "commands": self._refused.status, "owner": self._owned.status}
         Diagnostics(self, robot.name, parts)
@@ -84,13 +92,21 @@ class SafetySupervisorNode(Node):
         self._supervisor.take_command(stamp, message.name, message.position, self._now())
 
     def _on_servo_states(self, message: ServoStates) -> None:
+        values = (message.position, message.velocity, message.current)
+        self._sense(to_nanoseconds(message.header.stamp), *(self._ordered(message.name, value) for value in values))
+
+    def _servos_without_reading(self) -> None:
+        nothing = self._ordered((), ())
+        self._sense(self._now(), nothing, nothing, nothing)
+
+    def _sense(self, stamp: int, positions: Array, velocities: Array, currents: Array) -> None:
         self._sensed_at = now = self._now()
         sample = SensorSample(
-            stamp=to_nanoseconds(message.header.stamp),
+            stamp=stamp,
             elapsed=0.0,
-            servo_positions=self._ordered(message.name, message.position),
-            servo_velocities=self._ordered(message.name, message.velocity),
-            servo_currents=self._ordered(message.name, message.current),
+            servo_positions=positions,
+            servo_velocities=velocities,
+            servo_currents=currents,
             knee_angles=np.zeros(4),
             piezoresistive=np.zeros(4),
             piezoelectric=np.zeros(4),
@@ -120,8 +136,14 @@ class SafetySupervisorNode(Node):
             np.array([acceleration.x, acceleration.y, acceleration.z]),
         )
 
+    def _imu_without_reading(self) -> None:
+        self._imu = NO_IMU
+
     def _on_battery(self, message: BatteryState) -> None:
         self._supply = (message.voltage, -message.current)
+
+    def _battery_without_reading(self) -> None:
+        self._supply = NO_SUPPLY
 
     def _release(self) -> str:
         left = self._supervisor.release(self._now())

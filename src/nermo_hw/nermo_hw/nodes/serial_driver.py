@@ -31,6 +31,7 @@ from nermo_node import qos
 from nermo_node.command_input import CommandInput
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import ERROR, OK, WARN, Diagnostics, Status
+from nermo_node.inputs import Inputs
 from nermo_node.parameters import blame, declare
 from nermo_node.run import run
 from nermo_node.time import to_nanoseconds
@@ -156,7 +157,7 @@ class SerialDriverNode(Node):
             self, lambda text: self._refused.add([text]), lambda: self.get_clock().now().nanoseconds, oldest=None
         )
         self._commands.subscribe(ServoCommand, "servo_command", self._on_command)
-        self.create_subscription(Bool, "servo_power", self._on_power, qos.LATCHED)
+        Inputs(self, self._refused.add_one).subscribe(Bool, "servo_power", self._on_power, qos.LATCHED)
         self.create_service(Trigger, "~/release", self._on_release)
         self._diagnostics = Diagnostics(
             self,
@@ -305,7 +306,7 @@ class SerialDriverNode(Node):
                     self._follower.forget()
             targets = None if positions is None else ServoTargets(positions)
             if not self._power:
-                targets = ServoTargets(sample.servo_positions, energised=False)
+                targets = ServoTargets(np.nan_to_num(sample.servo_positions), energised=False)
         if self._release_wanted and (sample is None or sample.faults & LATCHED):
             self._driver.release()
         self._sample = sample = self._driver.exchange(targets)

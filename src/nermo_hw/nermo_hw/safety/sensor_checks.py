@@ -111,6 +111,16 @@ class SensorChecks:
         self._last, self._last_at = sample, now
         return self._findings
 
+    def believable_positions(self, sample: SensorSample) -> Array:
+        """Where the servos are [rad]; NaN for one whose position or speed cannot be."""
+        return np.where(self._impossible(sample), math.nan, sample.servo_positions)
+
+    def _impossible(self, sample: SensorSample) -> NDArray[np.bool_]:
+        positions, velocities = sample.servo_positions, sample.servo_velocities
+        with np.errstate(invalid="ignore"):
+            beyond: NDArray[np.bool_] = (positions < self._lower) | (positions > self._upper)
+            return beyond | (np.abs(velocities) > self._fastest)
+
     # IMU
 
     def _look_at_imu(self, sample: SensorSample) -> dict[Cause, str]:
@@ -192,8 +202,7 @@ class SensorChecks:
         found = {}
         if not numbers.all():
             found[Cause.SERVO_INVALID] = f"{self._named(~numbers)}: position, speed or current is no number"
-        with np.errstate(invalid="ignore"):
-            impossible = (positions < self._lower) | (positions > self._upper) | (np.abs(velocities) > self._fastest)
+        impossible = self._impossible(sample)
         if impossible.any():
             first = int(impossible.argmax())
             found[Cause.SERVO_IMPLAUSIBLE] = (

@@ -290,7 +290,7 @@ class SafetySupervisor:
 
     def _start_from_measured(self) -> None:
         if self._sample is not None:
-            measured = self._sample.servo_positions
+            measured = self._checks.believable_positions(self._sample)
             self._output = self._limits.position(np.where(np.isfinite(measured), measured, self._output))
 
     def _move(self, state: State, dt: float, now: int) -> None:
@@ -301,7 +301,8 @@ class SafetySupervisor:
             return
         goal = target = self._goal(state)
         if self._sample is not None and now - self._sample_at < 0.1e9:
-            target = self._limits.torque(target, self._sample.servo_positions, self._sample.servo_velocities)
+            positions = self._checks.believable_positions(self._sample)
+            target = self._limits.torque(target, positions, self._sample.servo_velocities)
         if state is State.FOLLOW and self._approaching and np.abs(goal - self._output).max() < ARRIVED:
             self._approaching = False
         velocity = self.settings.approach_velocity if state is State.CROUCH or self._approaching else None

@@ -7,7 +7,9 @@ of them.
 
 from __future__ import annotations
 
+import math
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +19,8 @@ from nermo_description.parameters import LEGS
 from nermo_hw.sbcp.packet import DeviceClass
 from nermo_hw.sbcp.registers import Access, Kind, Register
 
-PROTOCOL_VERSION = 0x0100
-"""1.0"""
+PROTOCOL_VERSION = 0x0101
+"""1.1"""
 FIRMWARE_VERSION = 0x0100
 
 CHANNELS = 4
@@ -63,6 +65,8 @@ ACCELERATION = 2e-3
 """[m/s^2]"""
 VOLTAGE = 1e-3
 """[V]"""
+NO_READING, NO_UNSIGNED_READING = -0x8000, 0xFFFF
+"""Stand for what a board cannot measure; numbers that its field cannot hold stop short of them."""
 
 STANDARD = (
     Register(0x00, "device_class", Kind.U8, Access.READ_ONLY, "kind of device, first half of its address"),
@@ -228,7 +232,7 @@ class ServoRequest:
 
 @dataclass(frozen=True, slots=True)
 class ServoAnswer:
-    """Payload of the answer of a servo board; arrays have an element a channel."""
+    """Payload of the answer of a servo board; arrays have an element a channel. NaN is a value without a reading."""
 
     sequence: int
     energised: int
@@ -253,7 +257,7 @@ class ServoAnswer:
             self.time & 0xFFFFFFFF,
             *_signed_all(self.positions, ANGLE),
             *_signed_all(self.velocities, SPEED),
-            *(min(max(round(value / CURRENT), 0), 0xFFFF) for value in self.currents.tolist()),
+            *(_unsigned(value / CURRENT) for value in self.currents.tolist()),
             _signed(self.knee_angle / ANGLE),
             _signed(self.piezoresistive / TACTILE),
             _signed(self.piezoelectric / TACTILE),
@@ -268,12 +272,11 @@ class ServoAnswer:
             energised,
             faults,
             time,
-            np.array(values[0:4]) * ANGLE,
-            np.array(values[4:8]) * SPEED,
-            np.array(values[8:12]) * CURRENT,
-            values[12] * ANGLE,
-            values[13] * TACTILE,
-            values[14] * TACTILE,
+            _readings(values[0:4], ANGLE),
+            _readings(values[4:8], SPEED),
+            _readings(values[8:12], CURRENT, NO_UNSIGNED_READING),
+            *_readings(values[12:13], ANGLE).tolist(),
+            *_readings(values[13:15], TACTILE).tolist(),
         )
 
 
@@ -296,7 +299,7 @@ class BodyRequest:
 
 @dataclass(frozen=True, slots=True)
 class BodyAnswer:
-    """Payload of the answer of the body board. SI units."""
+    """Payload of the answer of the body board. SI units; NaN is a value without a reading."""
 
     sequence: int
     faults: int
@@ -318,15 +321,15 @@ class BodyAnswer:
             *_signed_all(self.orientation, QUATERNION),
             *_signed_all(self.angular_velocity, RATE),
             *_signed_all(self.linear_acceleration, ACCELERATION),
-            min(max(round(self.voltage / VOLTAGE), 0), 0xFFFF),
-            min(max(round(self.current / CURRENT), 0), 0xFFFF),
+            _unsigned(self.voltage / VOLTAGE),
+            _unsigned(self.current / CURRENT),
         )
 
     @classmethod
     def decode(cls, payload: bytes) -> BodyAnswer:
         """Raises struct.error for a wrong size. An orientation that is none comes as it is."""
         sequence, _, faults, time, *values = _BODY_ANSWER.unpack(payload)
-        orientation = np.array(values[0:4]) * QUATERNION
+        orientation = _readings(values[0:4], QUATERNION)
         norm = float(np.linalg.norm(orientation))
         rounded = abs(norm - 1.0) < LARGEST_ROUNDING
         return cls(
@@ -334,10 +337,10 @@ class BodyAnswer:
             faults,
             time,
             orientation / norm if rounded else orientation,
-            np.array(values[4:7]) * RATE,
-            np.array(values[7:10]) * ACCELERATION,
-            values[10] * VOLTAGE,
-            values[11] * CURRENT,
+            _readings(values[4:7], RATE),
+            _readings(values[7:10], ACCELERATION),
+            *_readings(values[10:11], VOLTAGE, NO_UNSIGNED_READING).tolist(),
+            *_readings(values[11:12], CURRENT, NO_UNSIGNED_READING).tolist(),
         )
 
 
@@ -360,8 +363,17 @@ def board_name(address: tuple[int, int]) -> str:
 
 
 def _signed(value: float) -> int:
-    return min(max(round(value), -0x8000), 0x7FFF)
+    return NO_READING if math.isnan(value) else round(min(max(value, NO_READING + 1), 0x7FFF))
 
 
 def _signed_all(values: Array, unit: float) -> list[int]:
     return [_signed(value / unit) for value in values.tolist()]
+
+
+def _unsigned(value: float) -> int:
+    return NO_UNSIGNED_READING if math.isnan(value) else round(min(max(value, 0), NO_UNSIGNED_READING - 1))
+
+
+def _readings(raw: Sequence[int], unit: float, none: int = NO_READING) -> Array:
+    values = np.array(raw)
+    return np.where(values == none, math.nan, values * unit)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,6 +119,8 @@ class Calibrator:
                 continue
             if sample.missing:
                 raise CalibrationError(f"{', '.join(sample.missing)} does not answer")
+            if unread := _unread(sample, self._driver.names):
+                raise CalibrationError(f"{', '.join(unread)} has no reading")
             yield sample
             time.sleep(PERIOD)
         raise CalibrationError(f"waited {self._timeout:g} s in vain for {what}")
@@ -161,6 +164,13 @@ def knee_stops(robot: RobotParameters) -> dict[str, float]:
     """Knee angle at the form stop of each leg [rad]: the straightest."""
     front, rear = robot.front_leg_dynamics.knee.lower, robot.rear_leg_dynamics.knee.lower
     return {leg: front if leg.startswith("front") else rear for leg in LEGS}
+
+
+def _unread(sample: SensorSample, servos: Sequence[str]) -> list[str]:
+    """Servos and knee encoders that could not measure."""
+    names = (*servos, *(f"knee encoder {leg}" for leg in LEGS))
+    values = (*sample.servo_positions.tolist(), *sample.knee_angles.tolist())
+    return [name for name, value in zip(names, values, strict=True) if math.isnan(value)]
 
 
 def _kind(servo: str) -> str:

@@ -61,7 +61,8 @@ class CommandFollower:
     def step(self, elapsed: float, measured: Array) -> Array | None:
         """Targets after `elapsed` [s], or None as long as nobody has commanded.
 
-        measured: where the servos are [rad]; a move begins there if nothing was told them before.
+        measured: where the servos are [rad], NaN for one that does not know; a move begins there if nothing was told
+        them before.
         """
         command, self._command = self._command, None
         if command is not None:
@@ -70,22 +71,22 @@ class CommandFollower:
             if self.state is not Following.FOLLOWING:
                 self.state = Following.FOLLOWING
                 here = measured if self._target is None else self._target
-                if np.abs(command - here).max() > RESUME_JUMP:
-                    self._begin(here)
+                if (np.abs(command - here) > RESUME_JUMP).any():
+                    self._begin(here, command)
         elif self.state is not Following.WAITING:
             self._silent += elapsed
             if self.state is Following.FOLLOWING and self._silent >= HOLD_AFTER:
                 self.state = Following.HOLDING
             if self.state is Following.HOLDING and self._silent >= CROUCH_AFTER:
                 self.state, self._goal = Following.CROUCHING, self._crouch
-                self._begin(measured if self._target is None else self._target)
+                self._begin(measured if self._target is None else self._target, self._crouch)
         if self._goal is None:
             return None
         self._target = self._goal if self._moving is None else self._on_the_way(elapsed, self._goal)
         return self._target
 
-    def _begin(self, start: Array) -> None:
-        self._start, self._moving = start.copy(), 0.0
+    def _begin(self, start: Array, goal: Array) -> None:
+        self._start, self._moving = np.where(np.isfinite(start), start, goal), 0.0
 
     def _on_the_way(self, elapsed: float, goal: Array) -> Array:
         assert self._moving is not None and self._start is not None, "a move is on"

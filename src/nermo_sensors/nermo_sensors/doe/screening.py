@@ -9,8 +9,8 @@ from itertools import combinations
 
 import numpy as np
 import pandas as pd
-import statsmodels.api as sm
 from numpy.typing import NDArray
+from scipy.stats import f as f_distribution
 
 RESPONSES = ("sensitivity_s_per_n", "base_conductance_s", "saturation_force_n")
 """a1 [S/N], a2 [S] and (a3 - a2) / a1 [N] of (4.4)-(4.5)."""
@@ -101,23 +101,30 @@ def analyse(table: pd.DataFrame, response: str, terms: Sequence[str]) -> Additiv
     # Conductances are of the order 1e-5; unit scale keeps the fit well conditioned.
     values = table[response].to_numpy(dtype=np.float64)
     scale = float(np.abs(values).max())
-    fit = sm.OLS(values / scale, np.column_stack([np.ones(len(table)), *columns])).fit()
+    design = np.column_stack([np.ones(len(table)), *columns])
+    coefficients = np.linalg.lstsq(design, values / scale, rcond=None)[0]
+    residual = values / scale - design @ coefficients
+    error, freedom = float(residual @ residual), len(table) - design.shape[1]
+    mean_square = error / freedom
+    # Of each coefficient: its square over its variance, which follows F(1, freedom) where the term does nothing.
+    ratios = coefficients**2 / (mean_square * np.diag(np.linalg.inv(design.T @ design)))
+    explained = float(((values / scale - np.mean(values / scale)) ** 2).sum()) - error
     return AdditiveModel(
         response=response,
-        constant=float(fit.params[0]) * scale,
+        constant=float(coefficients[0]) * scale,
         terms=tuple(
             Term(
                 name=name,
-                coefficient=float(fit.params[i]) * scale,
-                sum_of_squares=float(fit.tvalues[i] ** 2 * fit.mse_resid) * scale**2,
-                f=float(fit.tvalues[i] ** 2),
-                p=float(fit.pvalues[i]),
+                coefficient=float(coefficients[i]) * scale,
+                sum_of_squares=float(ratios[i] * mean_square) * scale**2,
+                f=float(ratios[i]),
+                p=float(f_distribution.sf(ratios[i], 1, freedom)),
             )
             for i, name in enumerate(terms, start=1)
         ),
-        error_sum_of_squares=float(fit.ssr) * scale**2,
-        error_degrees_of_freedom=int(fit.df_resid),
-        p_against_constant=float(fit.f_pvalue),
+        error_sum_of_squares=error * scale**2,
+        error_degrees_of_freedom=freedom,
+        p_against_constant=float(f_distribution.sf(explained / len(terms) / mean_square, len(terms), freedom)),
     )
 
 

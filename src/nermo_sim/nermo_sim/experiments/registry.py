@@ -6,6 +6,7 @@ from typing import Any
 
 from nermo_sim.experiments import (
     balance,
+    compliance,
     coordination,
     footstep,
     gap_step,
@@ -27,6 +28,7 @@ EXPERIMENTS: dict[str, Experiment[Any]] = {
         balance,
         maze,
         gaze,
+        compliance,
         coordination,
         push,
         footstep,

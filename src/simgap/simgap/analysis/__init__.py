@@ -1,1 +1,1 @@
-"""Beside the verdict: input checks, localisation, isolability, the next experiment, the diagnosis."""
+"""What is said beside the verdict: checks, where, waterfall, free runs, remainder, what next; the whole diagnosis."""

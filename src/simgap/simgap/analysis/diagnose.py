@@ -16,34 +16,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 import simgap
+from simgap.analysis import self_contact
+from simgap.analysis.borders import borders, hints
 from simgap.analysis.experiment import GenericMenu, Menu
+from simgap.analysis.explanation import explain
+from simgap.analysis.free_running import FreeRun
 from simgap.analysis.input_checks import check_map, check_replay
 from simgap.analysis.isolability import confusion, isolability
 from simgap.analysis.localisation import Phases, bands, locate
 from simgap.analysis.next_experiment import Proposal, propose
 from simgap.data.align import Aligned, align
+from simgap.data.excitation import NOTHING_MOVED, excited, still_joints
 from simgap.data.noise_floor import noise_floor
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording, concatenate
 from simgap.effects.base import Context, Effect
 from simgap.effects.library import enumerate_effects
 from simgap.inference.baselines import best_in_sample, fit_everything
+from simgap.inference.budget import Budget
 from simgap.inference.candidates import Effort
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
-from simgap.inference.nuisance import Nuisance, enumerate_nuisances
+from simgap.inference.nuisance import BOX, Nuisance, enumerate_nuisances
 from simgap.inference.residual import Residuals
 from simgap.inference.select import Selection, Selector
 from simgap.inference.stochastic_link import PATTERN, Chance
 from simgap.inference.structure import REPEATS, predictable_share, repeating_share
 from simgap.inference.verdict import Verdict, judge
-from simgap.simulation.horizon import usable_horizon
+from simgap.simulation.horizon import forgets, usable_horizon
 from simgap.simulation.integration import FINER, finer
 from simgap.simulation.replay import Replayer
 from simgap.simulation.scales import measure_scales
 from simgap.simulation.state import measured_state
 from simgap.simulation.variant import Variant
-from simgap.simulation.windows import HORIZON, HORIZON_HEAVY, LIGHT, WARM_UP, affordable, at_limit, cut
+from simgap.simulation.windows import HORIZON, HORIZON_HEAVY, LIGHT, WARM_UP, affordable, at_limit, cut, longer
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -91,6 +97,8 @@ class Options:
     """Phases of each channel's motion for `where`; by the channel's own speed where None."""
     menu: Menu | None = None
     """Where the next experiment is chosen from; by default the one that suits any robot with inputs."""
+    budget: float | None = None
+    """[s] that the diagnosis may take; no limit where None."""
 
     def say(self, stage: str, share: float) -> None:
         """Report progress."""
@@ -110,6 +118,8 @@ class Diagnosis:
     proposal: Proposal | None = None
     menu: Menu | None = None
     """Where the proposal comes from."""
+    runs: list[FreeRun] = field(default_factory=list)
+    """Free runs of the models of the waterfall."""
 
 
 def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | None = None) -> Diagnosis:
@@ -120,11 +130,17 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     """
     options = options or Options()
     started = time.monotonic()
+    budget = Budget(options.budget, started)
     plant = finer(plant, options.finer)
     aligned = align(concatenate(list(recordings)), plant)
     floor = np.maximum(noise_floor(aligned), [options.resolution.get(o.name, 0.0) for o in plant.outputs])
     warnings = [*plant.warnings, *aligned.warnings]
-    warnings += check_map(plant, aligned, measured_state(plant, aligned, floor))
+    state = measured_state(plant, aligned, floor)
+    warnings += [*check_map(plant, aligned, state), *self_contact.warnings(plant, state)]
+    warnings += [
+        f"joint {name} hardly moves: this recording says nothing about it"
+        for name in still_joints(plant, aligned, floor)
+    ]
     nominal = Variant.nominal(plant)
     replayer = _replayer(plant, aligned, floor, nominal, options)
     windows = replayer.windows
@@ -138,11 +154,16 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     residuals = Residuals.build(replayer, nominal)
     fitter = Fitter(residuals, nuisances)
     effort = options.effort or (HEAVY if plant.model.nv > LIGHT else Effort())
-    selector = Selector(fitter, effects, options.seed, options.progress, effort)
+    near = borders(plant, aligned, floor)
+    selector = Selector(fitter, effects, options.seed, options.progress, effort, budget, hints(near))
     selection = selector.run()
-    Chance(selector).reconsider(selection, thorough=plant.model.nv <= LIGHT)
+    if not budget.left_out:
+        Chance(selector).reconsider(selection, thorough=plant.model.nv <= LIGHT)
     structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
-    verdict = judge(selector, selection, structure)
+    verdict = judge(selector, selection)
+    if verdict.kind in ("no_gap", "calibration") and not excited(plant, aligned, floor):
+        verdict.kind, verdict.reasons = "unknown", [NOTHING_MOVED]
+        verdict.open = [*(s.fit for s in selection.singles[:2]), selection.reference.fit]
     if verdict.kind == "unknown":
         share, frequency = repeating_share(residuals, selection.best.fit.residual)
         # A gait repeats too, and with it whatever is wrong with it; commands and motion predict that.
@@ -151,16 +172,37 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
                 f"{100 * share:.0f} % of what is left comes back about {frequency:.2g} times a second, and commands "
                 "and motion do not predict it: look for a fan, a gear, a belt or a neighbour"
             )
-    proposal = propose(
-        fitter, verdict.open, options.menu, options.seed, lambda share: options.say("next experiment", share)
-    )
+    proposal = None
+    if budget.spent():
+        budget.left_out.append("no next experiment was looked for")
+    else:
+        proposal = propose(
+            fitter, verdict.open, options.menu, options.seed, lambda share: options.say("next experiment", share)
+        )
     report = _report(aligned, floor, selector, selection, verdict, structure, options)
+    options.say("free runs", 0.0)
+    keys, runs = explain(fitter, selector.scores, selection, report, options.seed)
+    report |= keys
+    report["borders"] = [b.told() for b in near]
     report["next_experiment"] = proposal.report() if proposal else None
-    report["warnings"] = warnings
+    report["warnings"] = warnings + [w for w in (_late(selection.best.fit, fitter), budget.warning()) if w]
     report["time_step_s"] = float(plant.model.opt.timestep)
     report["replayed_s"] = replayer.simulated_seconds
     report["wall_s"] = time.monotonic() - started
-    return Diagnosis(verdict, selection, selector, aligned, report, proposal, options.menu)
+    return Diagnosis(verdict, selection, selector, aligned, report, proposal, options.menu, runs)
+
+
+def _late(fit: Fit, fitter: Fitter) -> str:
+    """A word on inputs whose timing sits where its tolerance ends; empty where it does not."""
+    for nuisance, z in zip(fitter.nuisances, fit.z, strict=True):
+        if nuisance.name == "timing of inputs" and abs(z) > 0.999 * BOX:
+            late = nuisance.described().value(float(z))
+            return (
+                f"the timing of inputs sits at its limit ({1e3 * late:+.0f} ms): commands may act "
+                f"{'later' if late > 0 else 'earlier'} than their stamps by more than that; look at the clocks, and at "
+                "link_latency and servo_delay"
+            )
+    return ""
 
 
 def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, options: Options) -> Replayer:
@@ -171,7 +213,12 @@ def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, op
     made = Replayer(plant, aligned, cut(aligned, longest, options.warm_up, most, avoided), floor, options.threads)
     horizon = usable_horizon(made, nominal)
     if horizon > 0.9 * longest:
-        return made
+        further = longer(aligned, options.warm_up)
+        if options.horizon or longest < HORIZON or further <= longest or not forgets(made, nominal):
+            return made
+        # Twice the seconds, for a steady error shows once in each.
+        windows = cut(aligned, further, options.warm_up, round(2.0 * most * longest / further), avoided)
+        return Replayer(plant, aligned, windows, floor, options.threads)
     # As many seconds of motion in shorter windows.
     windows = cut(aligned, horizon, options.warm_up, round(most * longest / horizon), avoided)
     return Replayer(plant, aligned, windows, floor, options.threads)
@@ -199,6 +246,7 @@ def _report(
         "versions": {"simgap": simgap.__version__, "mujoco": mujoco.__version__, "python": platform.python_version()},
         "verdict": verdict.kind,
         "reasons": verdict.reasons,
+        "probabilities": _probabilities(verdict),
         "gap": _gap(selector, selection, fitter.mean_square(nominal)),
         "where": locate(residuals, nominal, options.phases),
         "left": locate(residuals, best.fit.residual, options.phases),
@@ -225,6 +273,12 @@ def _report(
         },
         "noise_floor": {plant.outputs[i].name: float(floor[i]) for i in range(len(floor))},
     }
+
+
+def _probabilities(verdict: Verdict) -> dict[str, float]:
+    """Of the verdict, and of every set of causes that was kept."""
+    sets = {" + ".join(sorted(c.names)) or "nominal numbers": c.probability for c in verdict.classes}
+    return {verdict.kind: verdict.sure, **{key: p for key, p in sets.items() if p > 1e-4}}
 
 
 def _model_name(plant: Plant) -> str:
@@ -317,7 +371,7 @@ def _baselines(fitter: Fitter, selector: Selector, selection: Selection, options
         "best_in_sample": best_in_sample(selector, selection.singles, selection.reference),
         "fit_everything": None,
     }
-    if options.baselines:
+    if options.baselines and not selector.budget.spent():
         found["fit_everything"] = fit_everything(fitter, seed=options.seed)
     return found
 

@@ -45,6 +45,8 @@ def isolability(screened: Sequence[Screened], winner: Sequence[str]) -> dict[str
 
 def angle_matrix(responses: Sequence[Array]) -> Array:
     """Angles [deg] between lines, (n, n); 90 for a response that is nil."""
+    if not len(responses):
+        return np.zeros((0, 0))
     stacked = np.array(responses)
     norms = np.linalg.norm(stacked, axis=1)
     unit = np.divide(stacked, norms[:, None], out=np.zeros_like(stacked), where=norms[:, None] > 0)

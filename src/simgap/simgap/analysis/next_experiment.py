@@ -163,7 +163,7 @@ def _expected_gain(
     there = Replayer(replayer.plant, made, windows, replayer.floor, replayer.threads)
     truth = fitter.variant(first.hypothesis, first.x, first.z)
     local = Fitter(Residuals.build(there, truth), fitter.nuisances)
-    local.independent = fitter.independent.copy()
+    local.likelihood.independent[:] = fitter.likelihood.independent
     residual = local.replay(first.hypothesis, [(first.x, first.z)])[0]
     # Of many nuisances those that the winner did not need stay where they are.
     local.refresh(first.hypothesis, first.x, first.z, residual, fitter.moved(first))

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from simgap.blind.cases import SMALL
-from simgap.blind.make import BlindError, make
-from simgap.blind.run import results_file, run
-from simgap.blind.score import AIMS, TITLES, between, cell, markdown, score
-from simgap.blind.settle import settle
+# What does the work takes seconds to import, and help is asked for often: commands import it when they run.
 
 blind_app = typer.Typer(
     name="blind",
@@ -30,13 +26,24 @@ def _fail(message: str, status: int) -> NoReturn:
     raise typer.Exit(status)
 
 
+@contextlib.contextmanager
+def _refusals() -> Iterator[None]:
+    """What cannot be done ends the command with one sentence."""
+    from simgap.blind.make import BlindError
+
+    try:
+        yield
+    except BlindError as error:
+        _fail(str(error), 2)
+
+
 @blind_app.command("make")
 def make_command(
     out: Annotated[Path, typer.Option(help="Folder for recordings, maps and models: what may be seen.")],
     cases: Annotated[int, typer.Option(help="How many: 20 % healthy, half with one fault, 15 % pairs, 15 % unknown.")],
     seed: Annotated[int, typer.Option(help="Of everything that is drawn. It is sealed with the answers.")],
     answers: Annotated[Path | None, typer.Option(help="Folder for the sealed answers; by default OUT-answers.")] = None,
-    robots: Annotated[str, typer.Option(help="Comma-separated.")] = ",".join(SMALL),
+    robots: Annotated[str | None, typer.Option(help="Comma-separated; by default all that come with it.")] = None,
     seconds: Annotated[float, typer.Option(help="Length of each recording [s].")] = 15.0,
     workers: Annotated[int, typer.Option(help="Processes.")] = max((os.cpu_count() or 1) - 1, 1),
     salt: Annotated[str | None, typer.Option(help="Sealed with each answer; random by default.")] = None,
@@ -47,12 +54,13 @@ def make_command(
     Example:
       simgap blind make --out check --cases 200 --seed 2026 --answers sealed/check
     """
+    from simgap.blind.cases import SMALL
+    from simgap.blind.make import make
+
     place = answers or out.with_name(out.name + "-answers")
-    names = tuple(r for r in robots.split(",") if r)
-    try:
+    names = SMALL if robots is None else tuple(r for r in robots.split(",") if r)
+    with _refusals():
         made = make(out, place, cases, seed, names, seconds, workers, salt, lambda i, n: _line(f"made {i} of {n}"))
-    except BlindError as error:
-        _fail(str(error), 2)
     typer.echo(f"{len(made['cases'])} cases in {out}, seed {seed}; answers sealed in {place}")
 
 
@@ -77,7 +85,9 @@ def diagnose_command(
     Example:
       simgap blind diagnose check --out results --workers 16 --threads 1
     """
-    try:
+    from simgap.blind.run import results_file, run
+
+    with _refusals():
         found = run(
             folder,
             out,
@@ -91,8 +101,6 @@ def diagnose_command(
             budget,
             progress=_told,
         )
-    except BlindError as error:
-        _fail(str(error), 2)
     done = sum(r["status"] == "done" for r in found.values())
     typer.echo(f"{done} of {len(found)} diagnosed; {results_file(out)}")
     if any(r["status"] in ("failed", "refused") for r in found.values()):
@@ -120,10 +128,10 @@ def score_command(
     Example:
       simgap blind score check sealed/check results --json score.json
     """
-    try:
+    from simgap.blind.score import markdown, score
+
+    with _refusals():
         scored = score(folder, answers, results)
-    except BlindError as error:
-        _fail(str(error), 2)
     for path, text in ((json_, json.dumps(scored, indent=1) + "\n"), (markdown_, markdown(scored))):
         if path:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -146,10 +154,10 @@ def settle_command(
       simgap blind diagnose check_next --out results_next --answers sealed/check
       simgap blind score check_next sealed/check results_next
     """
-    try:
+    from simgap.blind.settle import settle
+
+    with _refusals():
         found = settle(folder, answers, results, out, lambda i, n: _line(f"ran {i} of {n}"))
-    except BlindError as error:
-        _fail(str(error), 2)
     typer.echo(f"{len(found)} cases in {out}: diagnose and score them with the same answers")
 
 
@@ -164,6 +172,11 @@ def _line(text: str) -> None:
 
 
 def _print(scored: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from simgap.blind.score import AIMS, TITLES, between, cell
+
     table = Table("what", "ours", "90 %", "n", "aim", "floor", "in sample", "fit all")
     others = scored["alternatives"]
     for name, (aim, floor) in AIMS.items():

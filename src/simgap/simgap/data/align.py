@@ -17,6 +17,8 @@ MIN_DURATION = 4.0
 """[s] Less than this gives too few blocks to keep some of them for scoring."""
 MAX_PERIOD = 0.1
 """[s] A robot's log that is slower says nothing about its dynamics."""
+_ENABLED = ""
+"""Stands for the map's `enabled` among the auxiliary columns while they are resampled."""
 _JUMP_PERIODS = 10.0
 """A step of time longer than this many periods ends a run."""
 _HOLE_PERIODS = 2.5
@@ -44,6 +46,9 @@ class Aligned:
         valid: (n, no) False where an output was not sampled.
         runs: in order; windows never cross their borders.
         live: (no,) False for an output that does not change at all.
+        lattice: (no,) step of the lattice on which an output's values were sampled, before they were put on the grid; 0
+            where they lie on none.
+        enabled: (n,) False where the servos gave no torque.
     """
 
     period: float
@@ -56,6 +61,12 @@ class Aligned:
     held_out: tuple[float, ...] = ()
     auxiliary: dict[str, Array] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    lattice: Array = field(default_factory=lambda: np.zeros(0))
+    enabled: NDArray[np.bool_] = field(default_factory=lambda: np.ones(0, bool))
+
+    def __post_init__(self) -> None:
+        if not len(self.enabled):
+            self.enabled = np.ones(len(self.time), bool)
 
     @property
     def duration(self) -> float:
@@ -77,6 +88,8 @@ def align(recording: Recording, plant: Plant) -> Aligned:
     time, segment = time[keep], recording.segment[keep]
     inputs, outputs = recording.inputs[keep], recording.outputs[keep]
     auxiliary = {k: v[keep] for k, v in recording.auxiliary.items()}
+    if recording.enabled is not None:
+        auxiliary[_ENABLED] = recording.enabled[keep]
     if len(time) < 10:
         raise GapInputError(f"the recording has {len(time)} usable rows; at least {MIN_DURATION:g} s are needed")
     steps = np.diff(time)
@@ -84,7 +97,7 @@ def align(recording: Recording, plant: Plant) -> Aligned:
     forward = steps[(steps > 0) & same_run]
     if len(forward) < 0.5 * len(steps):
         raise GapInputError("time does not advance in most rows of the recording")
-    period = float(np.median(forward))
+    period = _period(time, same_run, np.concatenate([inputs, outputs], axis=1))
     if period > MAX_PERIOD:
         raise GapInputError(
             f"the recording is sampled every {period:.3g} s, slower than {MAX_PERIOD:g} s; is the unit of time right?"
@@ -109,6 +122,7 @@ def align(recording: Recording, plant: Plant) -> Aligned:
     for channel, taken in zip(plant.outputs, valid.T, strict=True):
         if (share := _missing(taken)) > 0.01:
             warnings.append(f"output {channel.name}: {100 * share:.1f} % of the samples are missing")
+    enabled = grid_aux.pop(_ENABLED, np.ones(len(grid_time))) > 0.5
     live = _live(grid_outputs, valid, plant, warnings)
     return Aligned(
         period,
@@ -121,7 +135,39 @@ def align(recording: Recording, plant: Plant) -> Aligned:
         recording.held_out,
         grid_aux,
         warnings,
+        np.array(
+            [o.resolution or lattice_step(y[np.isfinite(y)]) for o, y in zip(plant.outputs, outputs.T, strict=True)]
+        ),
+        enabled,
     )
+
+
+def lattice_step(values: Array) -> float:
+    """Step of the lattice on which sampled values (n,) lie, as those of an encoder do; 0 where there is none."""
+    levels = np.unique(values)
+    if len(levels) < 3:
+        return 0.0
+    steps = np.diff(levels)
+    steps = steps[steps > 1e-9 * max(float(np.ptp(levels)), 1e-12)]
+    step = float(np.percentile(steps, 5)) if len(steps) else 0.0
+    # Encoders' values are written with few digits, which moves each by a little.
+    on_lattice = step > 0.0 and float(np.mean(np.abs(steps / step - np.round(steps / step)) < 0.02)) > 0.9
+    return step if on_lattice else 0.0
+
+
+def _period(time: Array, same_run: NDArray[np.bool_], values: Array) -> float:
+    """[s] between two samples of the channel (n, nc) that is sampled most often: topics of a bag have stamps of their
+    own, and lie close to each other.
+    """
+    periods = []
+    run = np.concatenate([[0], np.cumsum(~same_run)])
+    for column in values.T:
+        rows = np.flatnonzero(np.isfinite(column))
+        steps = np.diff(time[rows])
+        steps = steps[(steps > 0) & (run[rows][1:] == run[rows][:-1])]
+        if len(steps):
+            periods.append(float(np.median(steps)))
+    return min(periods, default=float(np.median(np.diff(time))))
 
 
 def _missing(valid: NDArray[np.bool_]) -> float:
@@ -155,34 +201,26 @@ def _resample(
     plant: Plant,
 ) -> tuple[Array, Array, Array, Array, dict[str, Array]] | None:
     """One run on its uniform grid, or None where it is too short to hold a window."""
-    order = np.concatenate([[True], np.diff(np.maximum.accumulate(time)) > 0.01 * period])
     stop = start + len(time)
-    time, inputs, outputs = time[order], inputs[order], outputs[order]
     if len(time) < 20 or time[-1] - time[0] < 20 * period:
         return None
     grid = time[0] + period * np.arange(int((time[-1] - time[0]) / period + 1e-6) + 1)
     new_inputs = np.empty((len(grid), inputs.shape[1]))
     for i, channel in enumerate(plant.inputs):
-        ok = np.isfinite(inputs[:, i])
-        if not ok.any():
+        stamps, values = _sampled(time, inputs[:, i], period)
+        if not len(stamps):
             return None
-        if channel.linear:
-            new_inputs[:, i] = np.interp(grid, time[ok], inputs[ok, i])
-        else:
-            held = np.searchsorted(time[ok], grid + 1e-3 * period, side="right") - 1
-            new_inputs[:, i] = inputs[ok, i][np.maximum(held, 0)]
+        new_inputs[:, i] = np.interp(grid, stamps, values) if channel.linear else _hold(grid, stamps, values, period)
     new_outputs, valid = np.zeros((len(grid), outputs.shape[1])), np.zeros((len(grid), outputs.shape[1]))
     for i, output in enumerate(plant.outputs):
-        ok = np.isfinite(outputs[:, i])
-        if not ok.any():
+        stamps, values = _sampled(time, outputs[:, i], period)
+        if not len(stamps):
             continue
-        values = outputs[ok, i]
         hinge = output.qpos >= 0 and output.quantity == "angle"
         if output.wrapped or (hinge and np.abs(np.diff(values)).max(initial=0.0) > 1.5 * np.pi):
             values = np.unwrap(values)
-        new_outputs[:, i] = np.interp(grid, time[ok], values)
+        new_outputs[:, i] = np.interp(grid, stamps, values)
         # A channel may be slower than the table: what counts as a hole is judged by its own period.
-        stamps = time[ok]
         own = max(period, float(np.median(np.diff(stamps)))) if len(stamps) > 1 else period
         after = np.clip(np.searchsorted(stamps, grid), 1, max(len(stamps) - 1, 1))
         gap = stamps[np.minimum(after, len(stamps) - 1)] - stamps[after - 1]
@@ -192,10 +230,28 @@ def _resample(
         valid[:, i] = inside & on_sample & ((gap <= _HOLE_PERIODS * own) | on_sample)
     aux = {}
     for name, column in auxiliary.items():
-        values = column[start:stop][order]
-        ok = np.isfinite(values)
-        aux[name] = np.interp(grid, time[ok], values[ok]) if ok.any() else np.full(len(grid), np.nan)
+        stamps, values = _sampled(time, column[start:stop], period)
+        if name == _ENABLED:
+            aux[name] = _hold(grid, stamps, values, period) if len(stamps) else np.ones(len(grid))
+        elif not len(stamps):
+            aux[name] = np.full(len(grid), np.nan)
+        else:
+            aux[name] = np.interp(grid, stamps, values)
     return grid, new_inputs, new_outputs, valid, aux
+
+
+def _sampled(time: Array, values: Array, period: float) -> tuple[Array, Array]:
+    """(stamps, values) of a channel's samples (n,), without those whose time does not advance."""
+    ok = np.isfinite(values)
+    time, values = time[ok], values[ok]
+    advances = np.diff(np.maximum.accumulate(time), prepend=-np.inf) > 0.01 * period
+    return time[advances], values[advances]
+
+
+def _hold(grid: Array, stamps: Array, values: Array, period: float) -> Array:
+    """Each value until the next one, on the grid."""
+    held: Array = values[np.maximum(np.searchsorted(stamps, grid + 1e-3 * period, side="right") - 1, 0)]
+    return held
 
 
 def _live(outputs: Array, valid: Array, plant: Plant, warnings: list[str]) -> NDArray[np.bool_]:
@@ -214,7 +270,10 @@ def _live(outputs: Array, valid: Array, plant: Plant, warnings: list[str]) -> ND
         else:
             warnings.append(f"output {channel.name}: never changes; taken for a dead channel and not scored")
     if not live.any():
-        raise GapInputError("no output of the recording ever changes; there is nothing to compare")
+        raise GapInputError(
+            "no output of the recording ever changes; there is nothing to compare: move each joint, and see that it is "
+            "measured"
+        )
     return live
 
 

@@ -111,6 +111,8 @@ class OutputChannel:
     subsystem: str = ""
     part: str = ""
     """Name of the component of a sensor that has several."""
+    resolution: float = 0.0
+    """What the sensor resolves, in SI, where the map says so."""
 
     @property
     def wrapped(self) -> bool:
@@ -171,7 +173,8 @@ def input_channel(model: mujoco.MjModel, row: InputRow, where: str, mapping: Map
         GapInputError: a name that the model lacks, a unit that does not fit, or a kind that the actuator cannot take.
     """
     linear = row.hold == "linear" if row.hold else row.measured
-    if row.joint is not None:
+    if row.actuator is None:
+        assert row.joint is not None
         joint = find(model, Obj.mjOBJ_JOINT, row.joint, "joint", where)
         if int(model.jnt_type[joint]) not in (_HINGE, _SLIDE):
             raise GapInputError(f"{where}: joint {row.joint!r} is neither a hinge nor a slide")
@@ -181,7 +184,6 @@ def input_channel(model: mujoco.MjModel, row: InputRow, where: str, mapping: Map
         return InputChannel(
             row.column, row.column, row.kind, row.sign * scale, -1, dof, row.measured, row.hold != "zero"
         )
-    assert row.actuator is not None
     index = find(model, Obj.mjOBJ_ACTUATOR, row.actuator, "actuator", where)
     angular, tendon = _angular(model, index), model.actuator_trntype[index] == mujoco.mjtTrn.mjTRN_TENDON
     gear, gain = float(model.actuator_gear[index, 0]), float(model.actuator_gainprm[index, 0])
@@ -337,4 +339,5 @@ def output_channel(model: mujoco.MjModel, row: OutputRow, sensor: str, where: st
         origin=origin,
         subsystem=subsystem,
         part=row.component or "",
+        resolution=abs(scale) * (row.resolution or 0.0),
     )

@@ -1,18 +1,26 @@
-"""MAP.yaml: which column of a recording is which actuator or sensor of the model, in which unit."""
+"""MAP.yaml: which column or message field of a recording is which actuator or sensor of the model, in which unit."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from simgap.data.errors import GapInputError
+from simgap.data.faults import first_fault
 
 Kind = Literal["position", "velocity", "torque", "voltage"]
 Quantity = Literal["position", "velocity", "acceleration", "orientation", "angular_velocity", "torque", "force"]
 Component = Literal["x", "y", "z", "w", "roll", "pitch", "yaw"]
+BAG_TIME = "time"
+"""Column [s] that a bag's stamps become."""
+
+LARGEST_MAP = 50_000
+"""Bytes. A map of a hundred channels has 10 000; PyYAML takes seconds for this."""
+DEEPEST = 20
+"""Collections within collections; a map has three. Python recurses for each."""
 
 
 class _Row(BaseModel):
@@ -20,16 +28,59 @@ class _Row(BaseModel):
 
 
 class TimeRow(_Row):
-    """The time column; ``offset`` is not needed, any origin will do."""
+    """The time column; ``offset`` is not needed, any origin will do. A bag brings its own."""
+
+    column: str = BAG_TIME
+    unit: str | None = None
+    clock: Literal["header", "received"] | None = None
+    """Of a bag: the stamps in the messages' headers, or when the recorder got them; by default the headers' where all
+    messages of the map have one."""
+
+
+class ChannelRow(_Row):
+    """A column of a table, or a field of a bag's messages (``topic`` and ``field``): one of the two."""
 
     column: str
-    unit: str | None = None
+    """Of a field it is made up: topic, field and element, as reports show it."""
+    topic: str | None = None
+    field: str | None = None
+    """Dotted, as in the message's definition: ``position``, ``pose.pose.position.x``, ``points.positions``."""
+    index: int | None = Field(default=None, ge=0)
+    """Which element of a field that is an array."""
+    named: str | None = None
+    """Which element, by the name that stands beside the array in the message (``name``, ``joint_names``); by default
+    the row's joint."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _source(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        has_column, has_topic = data.get("column") is not None, data.get("topic") is not None
+        if has_column == has_topic:
+            raise ValueError("give column (of a table), or topic and field (of a bag)")
+        if has_column:
+            alone = [key for key in ("field", "index", "named") if data.get(key) is not None]
+            if alone:
+                raise ValueError(f"{alone[0]} goes with a topic, not with a column")
+            return data
+        if data.get("field") is None:
+            raise ValueError(f"topic {data['topic']} needs a field, such as position or data")
+        if data.get("index") is not None and data.get("named") is not None:
+            raise ValueError("give index or named, not both")
+        element = data.get("index") if data.get("index") is not None else data.get("named") or data.get("joint")
+        parts = [str(e) for e in (element, data.get("component")) if e is not None]
+        return {**data, "column": f"{data['topic']}.{data['field']}" + "".join(f"[{part}]" for part in parts)}
+
+    @property
+    def element(self) -> str | int | None:
+        """Name or index of the element of an array, or None where the row says none."""
+        return self.index if self.index is not None else self.named or getattr(self, "joint", None)
 
 
-class InputRow(_Row):
+class InputRow(ChannelRow):
     """What the robot was told (actuator), or what was measured to act on it (joint, ``measured: true``)."""
 
-    column: str
     unit: str | None = None
     actuator: str | None = None
     joint: str | None = None
@@ -41,6 +92,9 @@ class InputRow(_Row):
 
     @model_validator(mode="after")
     def _target(self) -> InputRow:
+        # In a bag's row, a joint beside an actuator says which element of the message.
+        if self.topic is not None and self.actuator is not None:
+            return self
         if (self.actuator is None) == (self.joint is None):
             raise ValueError("give exactly one of actuator and joint")
         if self.joint is not None and self.kind != "torque":
@@ -48,10 +102,9 @@ class InputRow(_Row):
         return self
 
 
-class OutputRow(_Row):
+class OutputRow(ChannelRow):
     """What was measured: a sensor of the model, or a quantity of a joint, body, site or tendon."""
 
-    column: str
     unit: str | None = None
     sensor: str | None = None
     joint: str | None = None
@@ -61,10 +114,14 @@ class OutputRow(_Row):
     quantity: Quantity | None = None
     component: Component | None = None
     sign: Literal[-1, 1] = 1
+    resolution: float | None = Field(default=None, gt=0.0)
+    """What the sensor resolves, in the row's unit (one count of an encoder); otherwise it is found in the values."""
 
     @model_validator(mode="after")
     def _target(self) -> OutputRow:
         named = [n for n in ("sensor", "joint", "body", "site", "tendon") if getattr(self, n) is not None]
+        if self.topic is not None and named == ["sensor", "joint"]:
+            named.remove("joint")
         if len(named) != 1:
             raise ValueError("give exactly one of sensor, joint, body, site and tendon")
         if named != ["sensor"] and self.quantity is None:
@@ -79,29 +136,32 @@ class GainRow(_Row):
     kd: float = Field(default=0.0, ge=0.0)
 
 
-class SegmentRow(_Row):
+class SegmentRow(ChannelRow):
     """A column that numbers the runs of a recording, and the runs that are kept for scoring."""
 
-    column: str
     held_out: tuple[float, ...] = ()
 
 
-class AuxiliaryRow(_Row):
+class AuxiliaryRow(ChannelRow):
     """A channel that may explain or contradict an effect (supply voltage, temperature...)."""
 
-    column: str
     unit: str | None = None
+
+
+class EnabledRow(ChannelRow):
+    """Whether the servos give torque: true or 1; while it is false or 0 they give none, whatever they are told."""
 
 
 class Map(_Row):
     """A whole MAP.yaml (see docs/gap.md for an example)."""
 
-    time: TimeRow
+    time: TimeRow = TimeRow()
     inputs: tuple[InputRow, ...] = ()
     outputs: tuple[OutputRow, ...] = ()
     gains: dict[str, GainRow] = {}
     segments: SegmentRow | None = None
     auxiliary: tuple[AuxiliaryRow, ...] = ()
+    enabled: EnabledRow | None = None
     source: str = Field(default="map", exclude=True)
 
     @model_validator(mode="after")
@@ -113,7 +173,24 @@ class Map(_Row):
                 if row.column in seen and group == seen[row.column].split("[")[0]:
                     raise ValueError(f"{where}: column {row.column!r} is already used by {seen[row.column]}")
                 seen[row.column] = where
+        if len({row.topic is None for row in self.channels.values()}) > 1:
+            raise ValueError("some rows name a column and some a topic; a map is for tables or for bags")
+        if self.channels and not self.of_bag and "column" not in self.time.model_fields_set:
+            raise ValueError("time is missing; it needs a column and a unit, such as {column: t, unit: s}")
         return self
+
+    @property
+    def channels(self) -> dict[str, ChannelRow]:
+        """Every row that is read from the recording, by its place in the map; time is not among them."""
+        rows: dict[str, ChannelRow] = {}
+        for group in ("inputs", "outputs", "auxiliary"):
+            rows |= {f"{group}[{i}]": row for i, row in enumerate(getattr(self, group))}
+        return rows | {k: row for k in ("segments", "enabled") if (row := getattr(self, k)) is not None}
+
+    @property
+    def of_bag(self) -> bool:
+        """Whether the rows name topics of a bag, not columns of a table."""
+        return any(row.topic is not None for row in self.channels.values())
 
 
 def load_map(path: str | Path) -> Map:
@@ -124,14 +201,34 @@ def load_map(path: str | Path) -> Map:
     """
     path = Path(path)
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+        with path.open("rb") as file:
+            data = _parse(file.read(LARGEST_MAP + 1))
     except OSError as error:
         raise GapInputError(f"{path}: cannot read the map ({error.strerror})") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise GapInputError(f"{path}: not a YAML file ({' '.join(str(error).split())})") from error
+    except (yaml.YAMLError, ValueError) as error:  # a ValueError comes of text, dates and numbers that cannot be
+        raise GapInputError(f"{path}: cannot be read as a map ({' '.join(str(error).split())})") from error
     if not isinstance(data, dict):
         raise GapInputError(f"{path}: a map needs the keys time, inputs and outputs")
     return parse_map(data, str(path))
+
+
+def _parse(text: bytes) -> object:
+    """Plain data of a YAML text of a map's measure. Raises yaml.YAMLError and ValueError."""
+    if len(text) > LARGEST_MAP:
+        raise yaml.YAMLError(f"longer than {LARGEST_MAP} bytes")
+    decoded, depth = text.decode("utf-8"), 0
+    for event in yaml.parse(decoded, yaml.SafeLoader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST:
+            raise yaml.YAMLError(f"nested more than {DEEPEST} deep in line {_line(event)}")
+        if isinstance(event, yaml.AliasEvent):
+            raise yaml.YAMLError(f"the alias *{event.anchor} in line {_line(event)}: a map is written without")
+    return yaml.safe_load(decoded)
+
+
+def _line(event: yaml.Event) -> int:
+    assert event.start_mark is not None, "events of a text have one"
+    return event.start_mark.line + 1
 
 
 def parse_map(data: dict[str, object], source: str = "map") -> Map:
@@ -139,8 +236,4 @@ def parse_map(data: dict[str, object], source: str = "map") -> Map:
     try:
         return Map.model_validate({**data, "source": source})
     except ValidationError as error:
-        first = error.errors()[0]
-        row = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
-        value = first.get("input")
-        shown = f", got {value!r}" if isinstance(value, str | int | float | bool) else ""
-        raise GapInputError(f"{source}: {row or 'map'}: {first['msg'].removeprefix('Value error, ')}{shown}") from error
+        raise GapInputError(f"{source}: {first_fault(error, Map)}") from error

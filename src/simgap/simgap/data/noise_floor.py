@@ -11,6 +11,9 @@ from simgap.data.align import Aligned
 Array = NDArray[np.float64]
 
 _WINDOW, _ORDER = 7, 3
+_STILL, _FEW = 1.5, 50
+"""Steps without any change that a stretch of _WINDOW samples may have to be judged, and stretches that are needed.
+Where a robot rests in its friction its encoder repeats itself, which says nothing of how well a motion repeats."""
 _MIN_SHARE = 2e-5
 """No floor is below this share of the channel's spread: a simulation's own errors are of that size."""
 
@@ -19,8 +22,8 @@ def noise_floor(aligned: Aligned) -> Array:
     """Standard deviation of the noise of every output, (no,) in the channel's unit.
 
     The largest of: scatter between repeats (runs with the same inputs), the high-frequency content (what a local cubic
-    does not explain, by the median so that impacts do not count), the quantisation step / sqrt(12), and 2e-5 of the
-    channel's spread.
+    does not explain while the channel changes, by the median so that impacts do not count), the quantisation step /
+    sqrt(12), and 2e-5 of the channel's spread.
     """
     spread = np.array([_spread(aligned, i) for i in range(aligned.outputs.shape[1])])
     floors = np.stack([_high_frequency(aligned), _quantisation(aligned), _repeats(aligned), _MIN_SHARE * spread])
@@ -48,7 +51,7 @@ def _deviation(aligned: Aligned, values: Array, valid: NDArray[np.bool_]) -> Arr
     kept = float(np.sqrt(1.0 - smoother[_WINDOW // 2]))
     floor = np.zeros(values.shape[1])
     for i in range(values.shape[1]):
-        residuals = []
+        residuals, changing = [], []
         for run in aligned.runs:
             y, ok = values[run.start : run.stop, i], valid[run.start : run.stop, i]
             rows = np.flatnonzero(ok)
@@ -60,25 +63,22 @@ def _deviation(aligned: Aligned, values: Array, valid: NDArray[np.bool_]) -> Arr
             residual = (y - np.convolve(y, smoother, mode="same"))[_WINDOW:-_WINDOW]
             whole = np.convolve(ok, np.ones(_WINDOW), mode="same")[_WINDOW:-_WINDOW] > _WINDOW - 0.5
             residuals.append(residual[whole])
+            same = np.concatenate([[0.0], np.diff(y) == 0.0])
+            changing.append((np.convolve(same, np.ones(_WINDOW - 1), mode="same")[_WINDOW:-_WINDOW] < _STILL)[whole])
         joined = np.concatenate(residuals) if residuals else np.zeros(0)
+        moved = np.concatenate(changing) if changing else np.zeros(0, bool)
+        if moved.sum() >= _FEW:
+            joined = joined[moved]
         if len(joined):
             floor[i] = 1.4826 * float(np.median(np.abs(joined))) / kept
     return floor
 
 
 def _quantisation(aligned: Aligned) -> Array:
-    """Step / sqrt(12) where the values lie on a lattice."""
-    floor = np.zeros(aligned.outputs.shape[1])
-    for i in range(aligned.outputs.shape[1]):
-        values = np.unique(aligned.outputs[aligned.valid[:, i], i])
-        if len(values) < 3:
-            continue
-        steps = np.diff(values)
-        steps = steps[steps > 1e-9 * max(float(np.ptp(values)), 1e-12)]
-        step = float(np.percentile(steps, 5)) if len(steps) else 0.0
-        if step > 0 and np.mean(np.abs(steps / step - np.round(steps / step)) < 0.02) > 0.9:
-            floor[i] = step / np.sqrt(12.0)
-    return floor
+    """Step / sqrt(12) where the sampled values lie on a lattice, or where the map says what a sensor resolves."""
+    lattice = aligned.lattice if len(aligned.lattice) else np.zeros(aligned.outputs.shape[1])
+    found: Array = lattice / np.sqrt(12.0)
+    return found
 
 
 def _repeats(aligned: Aligned) -> Array:

@@ -1,4 +1,4 @@
-"""A recording: named input and output channels over time, and the tables (CSV, NPZ, Parquet) that it is read from."""
+"""A recording: named input and output channels over time, whatever file it is read from."""
 
 from __future__ import annotations
 
@@ -8,9 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.data.bag import is_bag, read_bag
 from simgap.data.errors import GapInputError, nearest
 from simgap.data.plant import Plant
+from simgap.data.tables import load_table
 from simgap.data.units import factor
+
+__all__ = ["Recording", "concatenate", "load_recording", "load_table", "recording_from_table"]
 
 Array = NDArray[np.float64]
 
@@ -26,6 +30,8 @@ class Recording:
         segment: (n,) the number of the run that a row belongs to.
         held_out: numbers of the runs that are kept for scoring, empty where blocks are to be chosen.
         auxiliary: further columns, in the unit of the map.
+        enabled: (n,) 1 where the servos give torque and 0 where they do not, NaN where not sampled; None where the map
+            names no such column.
     """
 
     time: Array
@@ -35,57 +41,24 @@ class Recording:
     held_out: tuple[float, ...] = ()
     auxiliary: dict[str, Array] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    enabled: Array | None = None
 
 
-def load_table(path: str | Path) -> dict[str, Array]:
-    """Read a CSV, NPZ or Parquet file into columns of float64; an empty cell becomes NaN.
+def load_recording(path: str | Path, plant: Plant) -> Recording:
+    """Read what the plant's map names from a table, a LeRobot dataset, or a bag of ROS.
 
     Raises:
-        GapInputError: missing, unreadable, of another type, or a column that holds no numbers.
+        GapInputError: the file cannot be read, or lacks something that the map names.
     """
     path = Path(path)
-    if not path.is_file():
-        raise GapInputError(f"{path}: no such recording")
-    try:
-        match path.suffix.lower():
-            case ".csv" | ".parquet" as kind:
-                return _check_columns(_read_arrow(path, kind), path)
-            case ".npz":
-                with np.load(path, allow_pickle=False) as archive:
-                    return _check_columns({name: np.asarray(archive[name]) for name in archive.files}, path)
-            case other:
-                raise GapInputError(f"{path}: a table is .csv, .npz or .parquet, not {other or 'without extension'}")
-    except (OSError, ValueError) as error:
-        if isinstance(error, GapInputError):
-            raise
-        raise GapInputError(f"{path}: cannot read the table ({' '.join(str(error).split())[:200]})") from error
-
-
-def _read_arrow(path: Path, kind: str) -> dict[str, NDArray[np.generic]]:
-    # Imported here: a machine that only reads NPZ needs no Arrow.
-    import pyarrow.csv
-    import pyarrow.parquet
-
-    try:
-        table = pyarrow.csv.read_csv(path) if kind == ".csv" else pyarrow.parquet.read_table(path)
-    except pyarrow.ArrowException as error:
-        raise ValueError(str(error)) from error
-    return {n: table.column(n).to_numpy(zero_copy_only=False) for n in table.column_names}
-
-
-def _check_columns(columns: dict[str, NDArray[np.generic]], path: Path) -> dict[str, Array]:
-    checked: dict[str, Array] = {}
-    for name, values in columns.items():
-        if values.ndim != 1:
-            raise GapInputError(f"{path}: column {name!r} has {values.ndim} dimensions, must have one")
-        if values.dtype.kind in "biuf":
-            checked[name.strip()] = values.astype(np.float64)
-    lengths = {len(v) for v in checked.values()}
-    if not lengths or lengths == {0}:
-        raise GapInputError(f"{path}: the table holds no numbers")
-    if len(lengths) > 1:
-        raise GapInputError(f"{path}: the columns differ in length ({', '.join(map(str, sorted(lengths)))} rows)")
-    return checked
+    if is_bag(path):
+        columns, warnings = read_bag(path, plant.map)
+        recording = recording_from_table(columns, plant, str(path))
+        recording.warnings += warnings
+        return recording
+    if plant.map.of_bag:
+        raise GapInputError(f"{plant.map.source}: its rows name topics of a bag, but {path} is no bag (.mcap, .db3)")
+    return recording_from_table(load_table(path), plant, str(path))
 
 
 def recording_from_table(columns: dict[str, Array], plant: Plant, source: str = "recording") -> Recording:
@@ -106,7 +79,8 @@ def recording_from_table(columns: dict[str, Array], plant: Plant, source: str = 
             raise GapInputError(f"{source}: {where}: column {name!r} holds no finite number")
         return np.where(np.isfinite(values), values, np.nan)
 
-    seconds, _ = factor(mapping.time.unit, ("time",), f"{mapping.source}: time ({mapping.time.column})")
+    where = f"{mapping.source}: time ({mapping.time.column})"
+    seconds = 1.0 if mapping.of_bag else factor(mapping.time.unit, ("time",), where)[0]
     time = seconds * column(mapping.time.column, "time")
     inputs = [channel.scale * column(channel.column, f"inputs[{i}]") for i, channel in enumerate(plant.inputs)]
     outputs = [channel.scale * column(channel.column, f"outputs[{i}]") for i, channel in enumerate(plant.outputs)]
@@ -119,7 +93,20 @@ def recording_from_table(columns: dict[str, Array], plant: Plant, source: str = 
         if missing:
             raise GapInputError(f"{source}: segments.held_out: the recording has no run {missing[0]:g}")
     auxiliary = {row.column: column(row.column, f"auxiliary[{i}]") for i, row in enumerate(mapping.auxiliary)}
-    return Recording(time, np.stack(inputs, 1), np.stack(outputs, 1), segment, held_out, auxiliary)
+    enabled = None
+    if mapping.enabled is not None:
+        enabled = column(mapping.enabled.column, "enabled")
+        odd = enabled[np.isfinite(enabled) & (enabled != 0.0) & (enabled != 1.0)]
+        if len(odd):
+            raise GapInputError(
+                f"{source}: enabled: column {mapping.enabled.column!r} holds {odd[0]:g}; "
+                "it must be true or false, or 1 or 0"
+            )
+        if not (enabled == 1.0).any():
+            raise GapInputError(
+                f"{source}: enabled: column {mapping.enabled.column!r} is never 1: the servos gave no torque all along"
+            )
+    return Recording(time, np.stack(inputs, 1), np.stack(outputs, 1), segment, held_out, auxiliary, enabled=enabled)
 
 
 def concatenate(recordings: list[Recording]) -> Recording:
@@ -140,4 +127,7 @@ def concatenate(recordings: list[Recording]) -> Recording:
         tuple(held_out),
         {k: np.concatenate([r.auxiliary[k] for r in recordings]) for k in sorted(keys)},
         [w for r in recordings for w in r.warnings],
+        None
+        if all(r.enabled is None for r in recordings)
+        else np.concatenate([np.ones(len(r.time)) if r.enabled is None else r.enabled for r in recordings]),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,13 +14,15 @@ from numpy.typing import NDArray
 
 from simgap.data.channels import model_names
 from simgap.data.plant import Plant
+from simgap.simulation.contacts import colliding
 from simgap.simulation.scales import Scales
 from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
 Obj = mujoco.mjtObj
-FEW_JOINTS = 4
-"""A robot with no more joints gets values of their own in a group."""
+FEW_JOINTS, SEVERAL_JOINTS = 4, 12
+"""A robot with no more joints gets values of their own in a group; the second where nothing touches the ground, which
+makes replays cheap."""
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -33,6 +36,8 @@ class Parameter:
         tries: values to start from, weak to strong (an effect may have no slope at its neutral value).
         scale: the size of a noticeable change; also the step of finite differences, times a small factor.
         strong: distance from neutral of the strongest try.
+        log: whether it is a factor, which may be wrong by decades: steps and distances are those of its logarithm.
+        far: further values to start from, decades away: near ones show nothing where a model is that wrong.
     """
 
     name: str
@@ -42,11 +47,21 @@ class Parameter:
     high: float
     tries: tuple[float, ...]
     scale: float
+    log: bool = False
+    far: tuple[float, ...] = ()
 
     @property
     def strong(self) -> float:
-        """See above."""
-        return max(abs(t - self.neutral) for t in self.tries)
+        """See above; in the logarithm of a factor."""
+        return max(abs(self.away(t)) for t in self.tries)
+
+    def away(self, value: float) -> float:
+        """Distance of a value from neutral, with its sign; in the logarithm of a factor."""
+        return math.log(value / self.neutral) if self.log else value - self.neutral
+
+    def at(self, away: float) -> float:
+        """The value at a distance from neutral."""
+        return self.neutral * math.exp(away) if self.log else self.neutral + away
 
 
 @dataclass(frozen=True)
@@ -120,6 +135,21 @@ class Effect(ABC):
         middle = [p.tries[len(p.tries) // 2] for p in self.parameters]
         return [(t, *middle[1:]) for t in self.parameters[0].tries]
 
+    def far_starts(self) -> list[tuple[float, ...]]:
+        """Parameter values decades away to start from, where all parameters have some; the same for all parts."""
+        return list(zip(*(p.far for p in self.parameters), strict=True)) if self.one_size else []
+
+    @property
+    def one_size(self) -> bool:
+        """Whether its parameters grow together: one number, or the same one of several parts."""
+        return len(self.parameters) == 1
+
+    def times(self, share: float, values: Sequence[float] | NDArray[np.float64]) -> tuple[float, ...] | None:
+        """Values so many times as far from neutral; None outside their bounds."""
+        moved = tuple(p.at(share * p.away(float(v))) for p, v in zip(self.parameters, values, strict=True))
+        inside = all(p.low <= v <= p.high for p, v in zip(self.parameters, moved, strict=True))
+        return moved if inside else None
+
     def __repr__(self) -> str:
         return self.key + (f" ({self.form})" if self.form else "")
 
@@ -154,26 +184,39 @@ def group_names(names: Sequence[str], given: dict[str, tuple[str, ...]]) -> dict
     return groups
 
 
-class AtJoints(Effect):
-    """An effect at joints. In a group of few, each has a value of its own, named after it; in a large one all share it.
+class ByPart(Effect):
+    """An effect at joints or servos. In a group of few, each has a value of its own, named after it; many share one.
 
     Joints of one robot carry different torques: with one friction for all, the small joint's would be the large one's.
     """
 
+    @property
+    def one_size(self) -> bool:
+        """See above."""
+        return True
+
     def starts(self) -> list[tuple[float, ...]]:
-        """All joints weak, all medium, all strong."""
+        """All parts weak, all medium, all strong."""
         return list(zip(*(p.tries for p in self.parameters), strict=True))
 
 
 def by_joint(context: Context, site: Site, make: Callable[[list[int]], Parameter]) -> list[Parameter]:
-    """Parameters of an `AtJoints`: one for all joints of a site, or one each where the robot has few of them.
+    """`by_part` of joints."""
+    return by_part(context, site, mujoco.mjtObj.mjOBJ_JOINT, make)
 
-    ``make`` lays out the parameter of some joints.
+
+def by_part(
+    context: Context, site: Site, kind: mujoco.mjtObj, make: Callable[[list[int]], Parameter]
+) -> list[Parameter]:
+    """Parameters of a `ByPart`: one for all parts of a site, or one each where the robot has few joints.
+
+    ``make`` lays out the parameter of some parts.
     """
-    if len(site.targets) < 2 or len(scalar_joints(context.model)) > FEW_JOINTS:
+    few = FEW_JOINTS if colliding(context.model)[0] else SEVERAL_JOINTS
+    if len(site.targets) < 2 or len(scalar_joints(context.model)) > few:
         return [make(list(site.targets))]
-    names = model_names(context.model, mujoco.mjtObj.mjOBJ_JOINT)
-    made = [(names[j], make([j])) for j in site.targets]
+    names = model_names(context.model, kind)
+    made = [(names[i], make([i])) for i in site.targets]
     count = min(len(p.tries) for _, p in made)
     return [replace(p, name=f"{p.name}_{name}", tries=p.tries[:count]) for name, p in made]
 
@@ -201,7 +244,11 @@ def amount(
 
 
 def ratio(
-    name: str = "factor", tries: Sequence[float] = (0.5, 0.75, 1.3, 1.8), low: float = 0.1, high: float = 5.0
+    name: str = "factor",
+    tries: Sequence[float] = (0.5, 0.75, 1.3, 1.8),
+    low: float = 0.002,
+    high: float = 100.0,
+    far: Sequence[float] = (),
 ) -> Parameter:
-    """A dimensionless factor whose neutral value is 1."""
-    return Parameter(name, "1", 1.0, low, high, tuple(tries), 0.3)
+    """A dimensionless factor whose neutral value is 1; published models are wrong by factors of fifty."""
+    return Parameter(name, "1", 1.0, low, high, tuple(tries), 0.3, log=True, far=tuple(far))

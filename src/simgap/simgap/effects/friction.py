@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.effects.base import (
-    AtJoints,
+    ByPart,
     Context,
     Effect,
     Parameter,
@@ -61,7 +61,7 @@ def _torque(context: Context, joints: Sequence[int]) -> float:
     return float(max(context.scales.torque[[dof_of(context.model, j) for j in joints]].mean(), 1e-9))
 
 
-class CoulombFriction(DryFriction, AtJoints):
+class CoulombFriction(DryFriction, ByPart):
     """Dry friction that does not depend on speed or load, beyond what the model has."""
 
     name = "coulomb_friction"
@@ -82,7 +82,7 @@ def _friction(context: Context, joints: Sequence[int]) -> Parameter:
     return amount("friction", unit, 0.2 * _torque(context, joints))
 
 
-class ViscousFriction(AtJoints):
+class ViscousFriction(ByPart):
     """Friction in proportion to speed, beyond (or, negative, below) what the model has."""
 
     name = "viscous_friction"
@@ -189,7 +189,7 @@ class LoadFriction(DryFriction):
         variant.friction.load[dofs] += values[0]
 
 
-class Armature(AtJoints):
+class Armature(ByPart):
     """Inertia of motor and gear as felt at the joint, beyond (or below) what the model has."""
 
     name = "armature"

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from simgap.effects.base import (
-    AtJoints,
+    ByPart,
     Context,
     Effect,
     Parameter,
@@ -32,7 +32,7 @@ def _sprung(model: mujoco.MjModel) -> list[int]:
     return [j for j in scalar_joints(model) if model.jnt_stiffness[j] > 0]
 
 
-class JointStiffness(AtJoints):
+class JointStiffness(ByPart):
     """The spring of a joint is softer (fatigue, another material) or stiffer; or cables, a skin or dirt add one.
 
     What is added pulls to the joint's zero, wherever a spring that was there rests.
@@ -44,14 +44,14 @@ class JointStiffness(AtJoints):
     def candidates(cls, context: Context) -> Iterable[Effect]:
         model = context.model
         for site in named_sites(context, Obj.mjOBJ_JOINT, _sprung(model)):
-            yield cls(site, [ratio(tries=(0.4, 0.7, 1.4, 2.0), low=0.02)], "factor")
+            yield cls(site, by_joint(context, site, lambda _: ratio(tries=(0.4, 0.7, 1.4, 2.0))), "factor")
         for site in named_sites(context, Obj.mjOBJ_JOINT, scalar_joints(model)):
             yield cls(site, by_joint(context, site, lambda joints: _added(context, joints)), "added")
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         targets = list(self.site.targets)
         if self.form == "factor":
-            variant.model.jnt_stiffness[targets] *= values[0]
+            variant.model.jnt_stiffness[targets] *= np.asarray(values)
             return
         model, addresses = variant.model, variant.plant.model.jnt_qposadr[targets]
         before = model.jnt_stiffness[targets]

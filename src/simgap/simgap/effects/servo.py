@@ -9,10 +9,14 @@ import numpy as np
 
 from simgap.data.channels import is_servo
 from simgap.data.plant import Plant
-from simgap.effects.base import Context, Effect, Parameter, Site, amount, named_sites, ratio
+from simgap.effects.base import ByPart, Context, Effect, Parameter, Site, amount, by_part, named_sites, ratio
 from simgap.simulation.variant import Variant
 
 Obj = mujoco.mjtObj
+
+
+_FAR = (0.012, 0.05, 0.2, 5.0)
+"""Gains in published models are mostly too high: a hobby servo's 998 N m/rad, where it has 11 to 36."""
 
 
 def commanded(plant: Plant, kinds: Sequence[str]) -> list[int]:
@@ -109,7 +113,7 @@ class ServoBacklash(Effect):
             variant.inputs.play[channels_of(variant.plant, self.site.targets)] += values[0]
 
 
-class ServoGain(Effect):
+class ServoGain(ByPart):
     """The servo is stiffer or softer than modelled, its damping with it (strength) or not (stiffness); for a motor, its
     torque constant is another.
     """
@@ -125,24 +129,27 @@ class ServoGain(Effect):
                 is_servo(context.model, a, 1) and context.model.actuator_biasprm[a, 2] != 0 for a in site.targets
             )
             for form in ("strength", "stiffness") if damped else ("",):
-                yield cls(site, [ratio(tries=(0.5, 0.75, 1.3, 1.7))], form)
+                values = by_part(
+                    context, site, Obj.mjOBJ_ACTUATOR, lambda _: ratio(tries=(0.5, 0.75, 1.3, 1.7), far=_FAR)
+                )
+                yield cls(site, values, form)
         measured = [i for i, c in enumerate(context.plant.inputs) if c.measured or c.actuator < 0]
         for i in measured:
             yield cls(Site(_input_name(context.plant, i), (-1 - i,)), [ratio(tries=(0.7, 0.85, 1.15, 1.4))])
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
-        for target in self.site.targets:
+        model = variant.model
+        for target, value in zip(self.site.targets, np.broadcast_to(values, len(self.site.targets)), strict=True):
             if target < 0:
-                variant.inputs.scale[-1 - target] *= values[0]
+                variant.inputs.scale[-1 - target] *= value
                 continue
-            model = variant.model
-            model.actuator_gainprm[target, 0] *= values[0]
+            model.actuator_gainprm[target, 0] *= value
             if is_servo(model, target, 1):
-                model.actuator_biasprm[target, 1] *= values[0]
+                model.actuator_biasprm[target, 1] *= value
                 if self.form == "strength":
-                    model.actuator_biasprm[target, 2] *= values[0]
+                    model.actuator_biasprm[target, 2] *= value
             elif is_servo(model, target, 2):
-                model.actuator_biasprm[target, 2] *= values[0]
+                model.actuator_biasprm[target, 2] *= value
 
 
 class ServoOffset(Effect):

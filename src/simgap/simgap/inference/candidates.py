@@ -22,6 +22,8 @@ Ints = NDArray[np.int64]
 Progress = Callable[[str, float], None]
 Start = tuple[Effect, Array, Array]
 """An effect, its parameters' values, and those of all nuisances."""
+Hint = tuple[str, str, float]
+"""Name, site and value of an effect for which a part speaks that was looked at by itself."""
 
 SURVIVORS = 10
 FIT_WINDOWS = 30
@@ -83,20 +85,33 @@ class Candidates:
         self.fitter, self.effects, self.scores = fitter, list(effects), scores
         self.effort, self._progress = effort, progress
 
+    def hinted(self, hints: Sequence[Hint]) -> list[Start]:
+        """Starts for what single parts speak for, as far as a candidate says it; nominal numbers untouched."""
+        assert self.fitter.nominal is not None
+        found = []
+        for name, site, value in hints:
+            for effect in self.effects:
+                if (effect.name, effect.site.name) == (name, site) and len(effect.parameters) == 1:
+                    parameter = effect.parameters[0]
+                    x = np.clip([value], parameter.low, parameter.high)
+                    found.append((effect, x, np.zeros_like(self.fitter.nominal.z)))
+        return found
+
     def screened_about_nominal(self) -> list[Screened]:
         """Screen about the untouched nominal model: the nuisances' best fit may have swallowed half of an effect."""
         fitter = self.fitter
         assert fitter.nominal is not None
         kept, fitter.jacobian = fitter.jacobian, fitter.nominal_jacobian
-        screened = screen(
-            fitter,
-            fitter.nominal,
-            self.effects,
-            lambda share: self.say("screen", share),
-            self.effort.hopeful,
-        )
-        fitter.jacobian = kept
-        return screened
+        try:
+            return screen(
+                fitter,
+                fitter.nominal,
+                self.effects,
+                lambda share: self.say("screen", share),
+                self.effort.hopeful,
+            )
+        finally:
+            fitter.jacobian = kept
 
     def fitted(self, starts: Sequence[Start], base: Scored) -> list[Scored]:
         """Fits of ``base`` with one effect more, best first."""
@@ -124,9 +139,7 @@ class Candidates:
             if i < FINALISTS and fit.cost < fits[0].cost + margin:
                 self.fitter.cross_validate(fit)
             else:
-                fit.held = np.where(
-                    self.fitter.windows.fold[:, None] >= 0, self.fitter.mean_square(fit.residual), np.nan
-                )
+                self.fitter.score_in_sample(fit)
         return sorted((self.scores.scored(f) for f in fits), key=by_score)
 
     def _nearest(self, hypothesis: Hypothesis, x: Array, z: Array, select: Ints) -> tuple[Array, Array]:
@@ -136,14 +149,14 @@ class Candidates:
         also tried with untouched nuisances, which may have been bent to make up for a value that is far from right.
         """
         (effect,) = hypothesis.effects
-        if len(effect.parameters) != 1:
+        if not effect.one_size:
             return x, z
-        parameter = effect.parameters[0]
-        away = x[0] - parameter.neutral
-        tries = sorted(t for t in parameter.tries if (t - parameter.neutral) * np.sign(away) > 0)
-        values = [x[0], *tries, *(a + k * (b - a) for a, b in pairwise(tries) for k in (1 / 3, 2 / 3))]
-        values += [v for v in parameter.neutral + away * np.array(LARGER) if parameter.low < v < parameter.high]
-        points = [(np.array([v]), z) for z in (z, np.zeros_like(z)) for v in values]
+        first = effect.parameters[0]
+        away = first.away(float(x[0])) or first.scale
+        tries = sorted(a / away for t in first.tries if (a := first.away(t)) * np.sign(away) > 0)
+        shares = [*tries, *(a + k * (b - a) for a, b in pairwise(tries) for k in (1 / 3, 2 / 3)), *LARGER]
+        values = [tuple(x), *(v for k in shares if (v := effect.times(k, x)) is not None)]
+        points = [(np.array(v), z) for z in (z, np.zeros_like(z)) for v in values]
         residuals = self.fitter.replay(hypothesis, points, select)
         costs = self.fitter.data_cost(self.fitter.mean_square(residuals, select), select)
         costs = costs + 0.5 * np.array([z @ z for _, z in points])
@@ -278,12 +291,14 @@ class Candidates:
         kept, fitter.jacobian, found = fitter.jacobian, fitter.nominal_jacobian.copy(), []
         present = {e.key for e in base.hypothesis.effects}
         alone = [s.fit for s in singles if s.fit.hypothesis.effects[0].key not in present]
-        for i, single in enumerate(alone[:_UNTOUCHED]):
-            self.say("fit beside untouched", i / _UNTOUCHED)
-            hypothesis = base.hypothesis.with_effect(single.hypothesis.effects[0])
-            fit = fitter.fit(hypothesis, np.concatenate([base.x, single.x]), z)
-            found.append(self.scores.scored(fitter.cross_validate(fit)))
-        fitter.jacobian = kept
+        try:
+            for i, single in enumerate(alone[:_UNTOUCHED]):
+                self.say("fit beside untouched", i / _UNTOUCHED)
+                hypothesis = base.hypothesis.with_effect(single.hypothesis.effects[0])
+                fit = fitter.fit(hypothesis, np.concatenate([base.x, single.x]), z)
+                found.append(self.scores.scored(fitter.cross_validate(fit)))
+        finally:
+            fitter.jacobian = kept
         return found
 
     def _swapped(self, pairs: list[Scored], screened: Sequence[Screened]) -> list[Scored]:
@@ -310,12 +325,12 @@ class Candidates:
     def restarted(self, scored: Scored) -> Scored:
         """A winner, begun anew from values about its own, one at a time, nominal numbers as they are or untouched."""
         fitter, fit = self.fitter, scored.fit
-        away, low, high = (fit.hypothesis.vector(name) for name in ("neutral", "low", "high"))
+        u, neutral = fit.hypothesis.scaled(fit.x), fit.hypothesis.scaled(fit.hypothesis.vector("neutral"))
         points = []
         for i, share in product(range(len(fit.x)), SHAKEN):
-            x = fit.x.copy()
-            x[i] = away[i] + share * (x[i] - away[i])
-            points += [(np.clip(x, low, high), z) for z in (fit.z, np.zeros_like(fit.z))]
+            moved = u.copy()
+            moved[i] = neutral[i] + share * (u[i] - neutral[i])
+            points += [(fit.hypothesis.values(moved), z) for z in (fit.z, np.zeros_like(fit.z))]
         costs = fitter.data_cost(fitter.mean_square(fitter.replay(fit.hypothesis, points)))
         costs = costs + 0.5 * np.array([z @ z for _, z in points])
         starts = np.argsort(costs)[:_SHAKEN_STARTS]

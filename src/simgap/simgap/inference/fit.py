@@ -1,11 +1,4 @@
-"""Fitting a hypothesis: its effects together with all nuisances under their priors.
-
-The data term is that of residuals whose size is unknown in every window but not below the noise floor: for each channel
-the sum over windows of n log sqrt(1 + s_w), with s_w the mean square of the whitened residual in window w and n the
-effective number of independent samples in one. It is scale-free (a channel whose noise floor is a thousandth of its gap
-does not drown the others), bounded below by the noise floor, and not decided by a few windows from which the robot
-would have fallen either way had it been started a little differently.
-"""
+"""Fitting a hypothesis: its effects together with all nuisances under their priors, by the one likelihood."""
 
 from __future__ import annotations
 
@@ -18,6 +11,7 @@ from scipy.optimize import lsq_linear
 from scipy.stats import truncnorm
 
 from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.likelihood import Likelihood
 from simgap.inference.nuisance import BOX, Nuisance, apply_nuisances
 from simgap.inference.residual import Residuals
 from simgap.simulation.contacts import colliding, soften_onset
@@ -62,7 +56,7 @@ class Fitter:
         self.base = Variant.nominal(residuals.replayer.plant)
         self.count = np.maximum(residuals.mask.sum(axis=1), 1).astype(float)
         self.recorded: NDArray[np.bool_] = np.asarray(residuals.mask.any(axis=1))
-        self.independent = np.full(residuals.mask.shape[2], 4.0)
+        self.likelihood = Likelihood(self.recorded, np.full(residuals.mask.shape[2], 4.0))
         self.jacobian = np.zeros((len(self.nuisances), *residuals.mask.shape), np.float32)
         self.nominal: Fit | None = None
         self._lands = bool(colliding(self.base.model)[0])
@@ -128,15 +122,12 @@ class Fitter:
 
     def data_cost(self, square: Array, select: Ints | None = None) -> Array:
         """The data term (...) of mean squares (..., nw, nl)."""
-        recorded = self.recorded if select is None else self.recorded[select]
-        cost: Array = (0.5 * self.independent * np.where(recorded, np.log1p(square), 0.0)).sum(axis=(-2, -1))
-        return cost
+        return (self.likelihood if select is None else self.likelihood.of(select)).cost(square)
 
     def weights(self, square: Array, select: Ints | None = None) -> Array:
         """Weight (nw, nl) of a squared sample, such that the weighted sum of squares has the data term's slope."""
-        recorded = self.recorded if select is None else self.recorded[select]
-        count = self.count if select is None else self.count[select]
-        weight: Array = np.where(recorded, self.independent / (count * (1.0 + square)), 0.0)
+        likelihood = self.likelihood if select is None else self.likelihood.of(select)
+        weight: Array = likelihood.weights(square) / (self.count if select is None else self.count[select])
         return weight
 
     def estimate_independent(self, residual: Array) -> None:
@@ -149,7 +140,7 @@ class Fitter:
             rho = np.array([float((r[:, :-k] * r[:, k:]).mean()) / max(power, 1e-12) for k in lags])
             ends = np.flatnonzero(rho < 0.05)
             total = rho[: ends[0]].sum() if len(ends) else rho.sum()
-            self.independent[c] = float(np.clip(ns / (1.0 + 2.0 * total), 2.0, 20.0))
+            self.likelihood.independent[c] = float(np.clip(ns / (1.0 + 2.0 * total), 2.0, 20.0))
 
     # -- linear algebra ------------------------------------------------------------------------------------------
 
@@ -201,7 +192,11 @@ class Fitter:
     def refresh(
         self, hypothesis: Hypothesis, x: Array, z: Array, residual: Array, which: NDArray[np.bool_] | None = None
     ) -> None:
-        """Recompute the nuisance sensitivities (or those of ``which``) about a point whose residual is known."""
+        """Recompute the nuisance sensitivities (or those of ``which``) about a point whose residual is known.
+
+        The array that was there stays as it is: who keeps it has what was true there.
+        """
+        self.jacobian = self.jacobian.copy()
         signs = np.where(z > 0, -1.0, 1.0)
         rows = np.arange(len(z)) if which is None else np.flatnonzero(which)
         for first in range(0, len(rows), 16):
@@ -291,9 +286,9 @@ class Fitter:
 
         ``known`` is the residual at (x, z), where it has been computed.
         """
-        scale, low, high = hypothesis.vector("scale"), hypothesis.vector("low"), hypothesis.vector("high")
-        neutral = hypothesis.vector("neutral")
-        x, z = np.clip(x, low, high), z.copy()
+        low, high = hypothesis.scaled(hypothesis.vector("low")), hypothesis.scaled(hypothesis.vector("high"))
+        neutral = hypothesis.scaled(hypothesis.vector("neutral"))
+        x, z = hypothesis.values(hypothesis.scaled(x)), z.copy()
         residual = self.replay(hypothesis, [(x, z)], select)[0] if known is None else known
         cost = self._cost(residual, z, select)
         jacobian = np.zeros((len(x), *residual.shape))
@@ -302,11 +297,12 @@ class Fitter:
             self.jacobian = self.jacobian[:, select]
         for _ in range(iterations):
             jacobian, fresh = self.sensitivities(hypothesis, x, z, residual, select), True
-            reach = 3.0 + np.abs(x - neutral) / np.maximum(scale, 1e-300)
-            bounds = np.maximum((low - x) / scale, -reach), np.minimum((high - x) / scale, reach)
+            u = hypothesis.scaled(x)
+            reach = 3.0 + np.abs(u - neutral)
+            bounds = np.maximum(low - u, -reach), np.minimum(high - u, reach)
             dx, dz, _ = self.solve(residual, jacobian, z, *bounds, select, self.jacobian, box)
             for t in _TRIALS:
-                point = np.clip(x + t * dx * scale, low, high), np.clip(z + t * dz, -box, box)
+                point = hypothesis.values(u + t * dx), np.clip(z + t * dz, -box, box)
                 tried = self.replay(hypothesis, [point], select)[0]
                 new_cost = self._cost(tried, point[1], select)
                 if new_cost < cost:
@@ -314,7 +310,7 @@ class Fitter:
             else:
                 break
             gain, cost = cost - new_cost, new_cost
-            moved_x, moved_z = (point[0] - x) / np.maximum(scale, 1e-300), point[1] - z
+            moved_x, moved_z = hypothesis.scaled(point[0]) - u, point[1] - z
             missed = tried - residual - np.tensordot(moved_x, jacobian, 1) - np.tensordot(moved_z, self.jacobian, 1)
             length = float(moved_x @ moved_x + moved_z @ moved_z)
             if length > 0:
@@ -338,22 +334,21 @@ class Fitter:
         Each fold's fit is one Gauss-Newton step from the common one, taken as far as the windows outside the fold like.
         """
         hypothesis, fold = fit.hypothesis, self.windows.fold
-        scale, low, high = hypothesis.vector("scale"), hypothesis.vector("low"), hypothesis.vector("high")
-        bounds = np.maximum((low - fit.x) / scale, -2.0), np.minimum((high - fit.x) / scale, 2.0)
+        u = hypothesis.scaled(fit.x)
+        low, high = (hypothesis.scaled(hypothesis.vector(end)) for end in ("low", "high"))
+        bounds = np.maximum(low - u, -2.0), np.minimum(high - u, 2.0)
         # What is left of the common fit's own step is not the fold's doing.
         rest_x, rest_z, _ = self.solve(fit.residual, fit.effect_jacobian, fit.z, *bounds)
         trials: list[list[tuple[Array, Array]]] = []
         for f in range(self.windows.folds):
             train = np.flatnonzero(fold != f)
             dx, dz, _ = self.solve(fit.residual[train], fit.effect_jacobian[:, train], fit.z, *bounds, train)
-            dx, dz = (dx - rest_x) * scale, dz - rest_z
-            trials.append(
-                [(np.clip(fit.x + t * dx, low, high), np.clip(fit.z + t * dz, -BOX, BOX)) for t in _FOLD_TRIALS]
-            )
+            dx, dz = dx - rest_x, dz - rest_z
+            trials.append([(hypothesis.values(u + t * dx), np.clip(fit.z + t * dz, -BOX, BOX)) for t in _FOLD_TRIALS])
         squares = self.mean_square(self.replay(hypothesis, [p for t in trials for p in t]))
         common = self.mean_square(fit.residual)
         fit.held = np.full(common.shape, np.nan)
-        points = []
+        points, trained = [], []
         for f, options in enumerate(trials):
             train, test = np.flatnonzero(fold != f), np.flatnonzero(fold == f)
             own = [*squares[f * len(_FOLD_TRIALS) : (f + 1) * len(_FOLD_TRIALS)], common]
@@ -365,26 +360,37 @@ class Fitter:
             best = int(np.argmin(costs))
             fit.held[test] = own[best][test]
             points.append(tried[best])
+            trained.append(own[best])
+        fit.held_cost = self.likelihood.held_out(np.nan_to_num(fit.held), fold, np.array(trained))
         fit.fold_x = np.array([x for x, _ in points]).reshape(len(points), len(fit.x))
         fit.fold_z = np.array([z for _, z in points]).reshape(len(points), len(fit.z))
         fit.covariance = self.covariance(fit)
         return fit
 
+    def score_in_sample(self, fit: Fit) -> None:
+        """Put what a fit leaves in sample in the place of held-out scores, of one that loses anyhow."""
+        square = self.mean_square(fit.residual)
+        held = self.windows.fold >= 0
+        costs = self.likelihood.costs(square, self.likelihood.scale(square)).sum(axis=-1)
+        fit.held, fit.held_cost = np.where(held[:, None], square, np.nan), np.where(held, costs, np.nan)
+
     def covariance(self, fit: Fit, thorough: bool = False) -> Array:
         """Covariance (nx, nx) of the effects' parameters about the truth, with nuisances drawn from their prior.
 
         The sandwich A^-1 B A^-1: A is the normal matrix of the data term and the prior, B the covariance of its slope.
-        The two differ, for the data term gives a window's samples the variance 1 + s, its size being unknown, where
-        they have s (mean squares in noise floors), and the fit's prior is not cut off at its box, the nuisances are.
+        The two differ, for the data term gives a window's samples the variance of its channel's scale, where they have
+        their own mean square, and the fit's prior is not cut off at its box, the nuisances are.
         ``thorough``: what was left out, as the nominal model hardly moves by it, may be off as well, and beside the
         effect it may count: the friction of a ground on which only a foot that slips depends.
         """
         ne, nn = len(fit.x), len(fit.z)
-        scale = fit.hypothesis.vector("scale")
+        scale = fit.hypothesis.slope(fit.x)
         square = self.mean_square(fit.residual)
         shape = fit.residual.shape
-        weight = np.broadcast_to(self.weights(square)[:, None, :], shape).reshape(-1)
-        share = np.broadcast_to((square / (1.0 + square))[:, None, :], shape).reshape(-1)
+        weights = self.weights(square)
+        weight = np.broadcast_to(weights[:, None, :], shape).reshape(-1)
+        share = weights * square * self.count / np.maximum(self.likelihood.independent, 1e-300)
+        share = np.broadcast_to(share[:, None, :], shape).reshape(-1)
         stacked = _stack(fit.effect_jacobian, self.jacobian) * np.sqrt(weight)
         bread = np.linalg.inv(stacked @ stacked.T + np.diag(np.r_[np.full(ne, _LOOSE), np.ones(nn)]))
         slope = (stacked * share) @ stacked.T + np.diag(np.r_[np.zeros(ne), np.full(nn, _BOXED)])
@@ -414,12 +420,12 @@ class Fitter:
         """Change of the residual, known at (x, z), by scaled parameter of the effects, (ne, nw, ns, nl)."""
         if not len(x):
             return np.zeros((0, *residual.shape))
-        scale, high = hypothesis.vector("scale"), hypothesis.vector("high")
-        points, steps = [], np.where(x + _STEP * scale <= high, _STEP, -_STEP)
+        u, high = hypothesis.scaled(x), hypothesis.scaled(hypothesis.vector("high"))
+        points, steps = [], np.where(u + _STEP <= high, _STEP, -_STEP)
         for i, s in enumerate(steps):
-            moved = x.copy()
-            moved[i] += s * scale[i]
-            points.append((moved, z))
+            moved = u.copy()
+            moved[i] += s
+            points.append((hypothesis.values(moved), z))
         return self._changes(hypothesis, (x, z), points, residual, select) / steps[:, None, None, None]
 
     def _cost(self, residual: Array, z: Array, select: Ints | None = None) -> float:

@@ -41,6 +41,27 @@ class Hypothesis:
         """An attribute of all parameters in order."""
         return np.array([getattr(p, attribute) for e in self.effects for p in e.parameters], float)
 
+    def scaled(self, x: Array) -> Array:
+        """Values (..., nx) in steps of their scales: what Gauss-Newton moves. Of factors the logarithm."""
+        log, scale = self.vector("log") > 0, np.maximum(self.vector("scale"), 1e-300)
+        found: Array = np.where(log, np.log(np.where(log, x, 1.0)), x) / scale
+        return found
+
+    def values(self, scaled: Array) -> Array:
+        """`scaled` taken back, within the bounds."""
+        log, steps = self.vector("log") > 0, scaled * np.maximum(self.vector("scale"), 1e-300)
+        found = np.where(log, np.exp(np.where(log, steps, 0.0)), steps)
+        return np.clip(found, self.vector("low"), self.vector("high"))
+
+    def slope(self, x: Array) -> Array:
+        """Change (nx,) of the values by one scaled step at x."""
+        return np.where(self.vector("log") > 0, x, 1.0) * self.vector("scale")
+
+    def away(self, x: Array) -> Array:
+        """Distances (nx,) of values from neutral, in the logarithm of factors."""
+        found: Array = (self.scaled(x) - self.scaled(self.vector("neutral"))) * self.vector("scale")
+        return found
+
     def with_effect(self, effect: Effect) -> Hypothesis:
         """With one effect more."""
         return Hypothesis((*self.effects, effect))
@@ -57,6 +78,7 @@ class Fit:
         residual: (nw, ns, nl) at (x, z).
         effect_jacobian: (ne, nw, ns, nl) by scaled parameter.
         held: (nw, nl) mean squares of each window under the fit that has not seen its fold; NaN where never held out.
+        held_cost: (nw,) minus its log density under that fit and the scales of the windows that it has seen.
         fold_x, fold_z: (nf, ne) and (nf, nz) values of each fold's fit.
         covariance: of x.
         likelihood: (nw,) held-out cost [nats] of every window, of an effect that predicts its own scatter.
@@ -71,6 +93,7 @@ class Fit:
     residual: Array
     effect_jacobian: Array
     held: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    held_cost: Array = field(default_factory=lambda: np.zeros(0))
     fold_x: Array = field(default_factory=lambda: np.zeros((0, 0)))
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     fold_z: Array = field(default_factory=lambda: np.zeros((0, 0)))

@@ -87,7 +87,7 @@ class LinkFitter:
         parameter, kept = effect.parameters[0], fitter.jacobian
         first = np.array([0.5 * parameter.tries[0], *parameter.tries])
         grid = np.sort(np.concatenate([first, 0.5 * (first[1:] + first[:-1])]))[1:]
-        about, scale = float(parameter.tries[1]), around.vector("scale")
+        about = float(parameter.tries[1])
         for _ in range(_PASSES):
             law, lag = effect.law(about), effect.lag(fitter.residuals.replayer.aligned.period)
             model = fitter.variant(hypothesis, np.append(x, about), z)
@@ -109,7 +109,7 @@ class LinkFitter:
                 if abs(gain) < _SETTLED or round_ == _ROUNDS - 1 or behind > _HOPELESS:
                     break
                 about, step = points[best].x, points[best].step
-                x, z = x + scale * step[: len(x)], z + step[len(x) :]
+                x, z = around.values(around.scaled(x) + step[: len(x)]), z + step[len(x) :]
                 near = (max(best - 1, 0), min(best + 1, len(points) - 1))
                 reach = max(0.6 * max(abs(points[i].x - about) for i in near), _FINEST * parameter.scale)
                 low, high = max(about - reach, parameter.low + 0.02 * reach), min(about + reach, parameter.high)
@@ -155,13 +155,14 @@ class LinkFitter:
     ) -> tuple[Fit, Array]:
         """The fit with costs held out, fold by fold; and what the mean leaves. Costs are a parabola about the best."""
         fitter, fold, n = self._fitter, self._fitter.windows.fold, len(state.x)
-        scale = Hypothesis(hypothesis.effects[:-1]).vector("scale")
+        around = Hypothesis(hypothesis.effects[:-1])
+        scale = around.slope(state.x)
         best = min(points, key=lambda p: p.cost)
         curve = np.polyfit([p.x - best.x for p in points], [p.cost for p in points], 2)[0]
         residual, likelihood, left = self._costs(effect, scatter, state, best, best.step)
 
         def values(point: _Point, step: Array) -> tuple[Array, Array]:
-            return np.append(state.x + scale * step[:n], point.x), state.z + step[n:]
+            return np.append(around.values(around.scaled(state.x) + step[:n]), point.x), state.z + step[n:]
 
         x, z = values(best, best.step)
         fit = Fit(hypothesis, x, z, best.cost, residual, np.zeros((n + 1, *residual.shape)))
@@ -177,6 +178,8 @@ class LinkFitter:
             fit.held[test], likelihood[test] = fitter.mean_square(white)[test], cost[test]
             found.append(values(points[i], steps[i]))
         fit.held[fold < 0] = np.nan
+        square = np.nan_to_num(fit.held)
+        fit.held_cost = fitter.likelihood.costs(square, fitter.likelihood.scale(square)).sum(axis=-1)
         wide = _room(Hypothesis(hypothesis.effects[:-1]), state, 2.0 * BOX)
         further = best.likelihood.fitted(wide, np.ones(len(fold), bool))
         wider = float(best.likelihood.costs(further).sum()) + wide.prior(further)
@@ -191,14 +194,14 @@ class LinkFitter:
 
 def _room(others: Hypothesis, state: _State, box: float = BOX) -> Room:
     """Bounds of a step of the parameters of other effects, by scale, and of the nuisances."""
-    scale, away = others.vector("scale"), np.abs(state.x - others.vector("neutral"))
-    reach = 1.0 + _REACH * away / scale
-    low = np.maximum((others.vector("low") - state.x) / scale, -reach)
-    high = np.minimum((others.vector("high") - state.x) / scale, reach)
+    u, neutral = others.scaled(state.x), others.scaled(others.vector("neutral"))
+    reach = 1.0 + _REACH * np.abs(u - neutral)
+    low = np.maximum(others.scaled(others.vector("low")) - u, -reach)
+    high = np.minimum(others.scaled(others.vector("high")) - u, reach)
     wide = np.full(len(state.z), box)
     return Room(
-        np.concatenate([np.zeros(len(scale)), state.z]),
-        np.concatenate([np.full(len(scale), _LOOSE), np.ones(len(wide))]),
+        np.concatenate([np.zeros(len(u)), state.z]),
+        np.concatenate([np.full(len(u), _LOOSE), np.ones(len(wide))]),
         np.concatenate([low, -wide]),
         np.concatenate([high, wide]),
     )

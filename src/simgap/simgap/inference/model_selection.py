@@ -23,6 +23,9 @@ RELEVANT = 0.10
 """An effect must take at least this share of the gap (or as much strain off the priors as EVIDENCE)."""
 MORE = 0.3
 """Any further effect must take this share of what the typical window is left with above the noise floor."""
+FURTHER = 0.1
+"""Or this share of what the first effect earns: as much as two laws may differ by that are told apart with a
+probability of 0.9 (`decision.LAW_ERROR`). Real robots have several causes, and no law that leaves little."""
 _OUT = 3.0
 """Unless it takes so many times what any other effect takes in its place: the misfit of a law has no such favourite."""
 UNEXPLAINED = 2.0
@@ -45,7 +48,7 @@ def indistinct(gain: float) -> float:
 
 def _extremities(fit: Fit) -> Array:
     """How far each parameter of a fit is from neutral, in its strongest try."""
-    away: Array = np.abs(fit.x - fit.hypothesis.vector("neutral")) / np.maximum(fit.hypothesis.vector("strong"), 1e-300)
+    away: Array = np.abs(fit.hypothesis.away(fit.x)) / np.maximum(fit.hypothesis.vector("strong"), 1e-300)
     return away
 
 
@@ -80,7 +83,7 @@ def places(effects: Sequence[Effect]) -> Counter[str]:
     return Counter(name for name, _ in {(e.name, e.site.name) for e in effects})
 
 
-def _surprise(fit: Fit, sites: Counter[str]) -> float:
+def surprise(fit: Fit, sites: Counter[str]) -> float:
     """[nats] All kinds of effects are equally likely, each wherever it can act; what is twice as extreme half as much.
 
     So a cable's friction, of which a robot with one cable has one place, is likelier than friction at just that one of
@@ -120,7 +123,7 @@ def simplest(scores: Scores, scored: Sequence[Scored], without: Scored, sites: C
             chosen = rival
     for rival in scored[:FINALISTS]:
         same = _parts(rival.fit) == _parts(chosen.fit)
-        less = _surprise(chosen.fit, sites) - _surprise(rival.fit, sites)
+        less = surprise(chosen.fit, sites) - surprise(rival.fit, sites)
         if same and less > 0.0 and rival.score < chosen.score + min(less, CLOSE):
             chosen = rival
     lead = max(CLOSE, LAW_LEAD * (without.score - best.score))
@@ -139,12 +142,19 @@ def stands_out(without: Fit, with_: Fit, others: Sequence[Scored]) -> bool:
     return without.cost - with_.cost > _OUT * max([EVIDENCE_MORE, *rest])
 
 
-def earns(scores: Scores, without: Scored, with_: Scored, looked_at: int, unrivalled: bool = False) -> bool:
+def earns(
+    scores: Scores,
+    without: Scored,
+    with_: Scored,
+    looked_at: int,
+    unrivalled: bool = False,
+    first: float = np.inf,
+) -> bool:
     """Whether the larger hypothesis is worth having.
 
-    Of one effect more, a good part of what is left above the noise floor is asked: nothing is quite as its model
-    says (a friction's law, a servo's), and there is always some effect that takes a little of that; not of one that is
-    ``unrivalled``.
+    Of one effect more, a good part of what is left above the noise floor is asked, or of what the ``first`` effect
+    earned [nats]: nothing is quite as its model says (a friction's law, a servo's), and there is always some effect
+    that takes a little of that; not of one that is ``unrivalled``.
     """
     gain, low, _ = scores.difference(without.fit, with_.fit)
     if without.fit.likelihood is None and with_.fit.likelihood is None:
@@ -157,6 +167,7 @@ def earns(scores: Scores, without: Scored, with_: Scored, looked_at: int, unriva
     ]
     if without.fit.hypothesis.effects:
         relevant = any(after - 1.0 < (1.0 - MORE) * (before - 1.0) for before, after in shares)
+        relevant |= gain > FURTHER * first
         relevant |= unrivalled or (bool(without.fit.strained) and strain > EVIDENCE)
     else:
         shares.append((without.gap, with_.gap))

@@ -51,12 +51,7 @@ class Scores:
 
     def costs(self, fit: Fit) -> Array:
         """Total score of a fit in each bootstrap sample, (BOOTSTRAPS + 1,)."""
-        square = np.nan_to_num(fit.held)
-        weight = self.draws[:, :, None] * self._fitter.recorded[None]
-        total = np.maximum(weight.sum(axis=1), 1.0)
-        mean = (weight * np.log1p(square)[None]).sum(axis=1) / total
-        n = self._fitter.independent * self._fitter.recorded[self.draws[0] > 0].sum(axis=0)
-        data = 0.5 * (n * mean).sum(axis=1)
+        data = self.draws @ np.nan_to_num(fit.held_cost)
         result: Array = data + fit.prior + PER_PARAMETER * fit.hypothesis.size
         return result
 
@@ -98,11 +93,9 @@ class Scores:
         """(mean, 5 %, 95 %) of the score that ``better`` gains over ``worse`` [nats], paired by block."""
         if worse.likelihood is not None and better.likelihood is not None:
             return self.gain(worse.likelihood, better.likelihood)
-        recorded = self._fitter.recorded * self.draws[0][:, None]
-        weight = 0.5 * self._fitter.independent * recorded
-        change = np.log1p(np.nan_to_num(worse.held)) - np.log1p(np.nan_to_num(better.held))
         price = PER_PARAMETER * (better.hypothesis.size - worse.hypothesis.size)
-        return self.gain((weight * change).sum(axis=1), np.zeros(len(change)), worse.prior - better.prior - price)
+        before, after = np.nan_to_num(worse.held_cost), np.nan_to_num(better.held_cost)
+        return self.gain(before, after, worse.prior - better.prior - price)
 
     def gain(self, worse: Array, better: Array, beside: float = 0.0) -> tuple[float, float, float]:
         """(mean, 5 %, 95 %) of the difference of costs (nw,) of windows, and what is gained ``beside`` it.

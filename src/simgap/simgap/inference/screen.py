@@ -81,14 +81,14 @@ def screen(
     chosen, done = list(effects), 0.0
     if hopeful is not None and len(chosen) > 1.3 * hopeful:
         crowd = len(chosen) > _CROWD
-        starts = {id(e): (_directions(e) if crowd else _moderate(e.starts())) for e in chosen}
+        starts = {id(e): (_directions(e) if crowd else _moderate(e.starts())) + _far(e, crowd) for e in chosen}
         few = informative_windows(fitter, fit, _GLANCE_CROWD if crowd else _GLANCE)
         ranked = _ranked(fitter, fit, chosen, starts, few, progress, (0.0, 0.6), crowd)
         # What a robot has but one of (its ground, its link) is no crowd.
         sites = places(chosen)
         hope = ranked[:hopeful] + [s for s in ranked[hopeful:] if sites[s.effect.name] == 1]
         chosen, done = [s.effect for s in hope], 0.6
-    starts = {id(e): e.starts() for e in chosen}
+    starts = {id(e): e.starts() + _far(e, len(effects) > _CROWD) for e in chosen}
     jobs = sum(len(tries) for tries in starts.values())
     count = int(np.clip(WINDOWS * _JOBS / max(jobs, 1), _FEWEST, WINDOWS))
     select = informative_windows(fitter, fit, count)
@@ -104,16 +104,17 @@ def screen(
 
 def _beyond(screened: Screened) -> tuple[float, ...] | None:
     """The next start value of a candidate with one parameter that promises most as far as its start tells, if any."""
-    if not screened.farthest or len(screened.effect.parameters) != 1:
-        return None
-    (parameter,) = screened.effect.parameters
-    value = parameter.neutral + _FURTHER * float(screened.x[0] - parameter.neutral)
-    return (value,) if parameter.low < value < parameter.high else None
+    return screened.effect.times(_FURTHER, screened.x) if screened.farthest and screened.effect.one_size else None
 
 
 def _moderate(starts: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
     """Of three the weaker two (a limit that is reached now and then shows little when far lower), of four the inner."""
     return starts[:2] if len(starts) == 3 else starts[1:-1] if len(starts) == 4 else starts
+
+
+def _far(effect: Effect, crowd: bool) -> list[tuple[float, ...]]:
+    """Starts decades away; in a crowd of groups only, for a model that is so wrong is so in more than one part."""
+    return effect.far_starts() if len(effect.site.targets) > 1 or not crowd else []
 
 
 def _directions(effect: Effect) -> list[tuple[float, ...]]:
@@ -130,7 +131,7 @@ def _directions(effect: Effect) -> list[tuple[float, ...]]:
 
 def _reversible(effect: Effect, start: Array) -> bool:
     """Whether the opposite of a start lies within the bounds too."""
-    return all(p.low <= 2.0 * p.neutral - x <= p.high for p, x in zip(effect.parameters, start, strict=True))
+    return effect.times(-1.0, start) is not None
 
 
 def _ranked(
@@ -157,8 +158,8 @@ def _ranked(
                 share, z, cost = _promise(fitter, fit, base, residual, select)
             else:
                 share, z, cost = quick.promise(residual - base, -1.0 if both and _reversible(effect, x) else 0.0)
-            neutral = np.array([p.neutral for p in effect.parameters])
-            start = neutral + np.copysign(np.clip(abs(share), 0.15, _FARTHEST), share) * (x - neutral)
+            reach = float(np.copysign(np.clip(abs(share), 0.15, _FARTHEST), share))
+            start = np.array([p.at(reach * p.away(v)) for p, v in zip(effect.parameters, x.tolist(), strict=True)])
             if id(effect) not in best or cost < best[id(effect)].cost:
                 farthest = abs(share) > 0.99 * _FARTHEST
                 best[id(effect)] = Screened(effect, start, z, cost, project(residual - base), farthest)

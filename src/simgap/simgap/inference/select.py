@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from simgap.effects.base import Effect
 from simgap.effects.growing import MIN_DURATION, Growing
-from simgap.inference.candidates import FAVOURITES, Candidates, Effort, Progress, by_score
+from simgap.inference.budget import Budget, OutOfTimeError
+from simgap.inference.candidates import FAVOURITES, Candidates, Effort, Hint, Progress, by_score
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Hypothesis
 from simgap.inference.model_selection import (
@@ -72,10 +73,13 @@ class Selector:
         seed: int = 0,
         progress: Progress | None = None,
         effort: Effort | None = None,
+        budget: Budget | None = None,
+        hints: Sequence[Hint] = (),
     ) -> None:
-        self._effort = effort or Effort()
-        self.fitter, self.effects, self.scores = fitter, list(effects), Scores(fitter, seed)
-        self.candidates = Candidates(fitter, self.effects, self.scores, self._effort, progress)
+        self._hints = list(hints)
+        self._effort, self.budget = effort or Effort(), budget or Budget()
+        self.fitter, self.effects, self.scores, self.seed = fitter, list(effects), Scores(fitter, seed), seed
+        self.candidates = Candidates(fitter, self.effects, self.scores, self._effort, self.budget.watch(progress))
         self._sites = places(self.effects)
 
     def hidden(self, selection: Selection) -> float:
@@ -90,26 +94,62 @@ class Selector:
         return (fit.cost - wider.cost) / max(selection.gains[-1][0], 1e-9)
 
     def run(self) -> Selection:
-        """The whole competition."""
+        """The whole competition, or as much of it as there is time for."""
         fitter = self.fitter
         self.candidates.say("nuisances", 0.0)
         reference = self.scores.scored(fitter.cross_validate(fitter.fit_nuisances()))
-        assert fitter.nominal is not None
+        self._found = Selection(reference, self._nominal_gap(), reference)
+        try:
+            found = self._compete(reference)
+        except OutOfTimeError as spent:
+            self.budget.ended(str(spent))
+            found = self._hurried()
+        if found.best is not found.reference:
+            self._settle(found)
+            if not self.budget.left_out:
+                self._grow(found)
+        return found
+
+    def _nominal_gap(self) -> float:
+        """Gap of the nominal model as it is, and its mean squares, as starts are judged now."""
+        fitter = self.fitter
+        nothing = np.zeros(0), np.zeros(len(fitter.nuisances))
+        self.nominal_square = fitter.mean_square(fitter.replay(Hypothesis(), [nothing])[0])
+        return float(self.scores.gaps(self.nominal_square)[0])
+
+    def _hurried(self) -> Selection:
+        """The best so far, where the time is over."""
+        found = self._found
+        if found.best is not found.reference or not found.singles:
+            return found
+        winner = simplest(self.scores, found.singles, found.reference, self._sites)
+        if winner is None or not earns(self.scores, found.reference, winner, len(self.effects)):
+            return found
+        gains = [self.scores.difference(found.reference.fit, winner.fit)]
+        return replace(found, best=winner, rivals=found.singles, gains=gains)
+
+    def _keep(self, result: Selection) -> None:
+        """Remember it where it is the best so far."""
+        if result.best.score <= self._found.best.score:
+            self._found = replace(result)
+
+    def _compete(self, reference: Scored) -> Selection:
         screened = self.candidates.screened_about_nominal()
-        singles = self.candidates.fitted([(s.effect, s.x, s.z) for s in screened[: self._effort.survivors]], reference)
+        self._found.screened = screened
+        starts = [(s.effect, s.x, s.z) for s in screened[: self._effort.survivors]]
+        singles = self.candidates.fitted([*self.candidates.hinted(self._hints), *starts], reference)
+        self._found.singles = singles
         singles, reference = self.candidates.finals(singles, reference, screened[:FAVOURITES])
-        nominal_square = fitter.mean_square(
-            fitter.replay(Hypothesis(), [(np.zeros(0), np.zeros(len(fitter.nuisances)))])[0]
-        )
-        result = Selection(reference, float(self.scores.gaps(nominal_square)[0]), reference, singles, [], [], screened)
-        self.nominal_square = nominal_square
+        gap = self._nominal_gap()
+        result = replace(self._found, reference=reference, nominal_gap=gap, best=reference, singles=singles)
+        self._found = replace(result)
         winner = simplest(self.scores, singles, reference, self._sites)
         if self.scores.worst_channel(reference.fit.held) <= REPEATED:
             return result
         if winner is not None and earns(self.scores, reference, winner, len(self.effects)):
             singles, winner = self._followed(singles, winner, reference)
             winner = self._restarted(winner)
-            result = self._forward(result, singles, winner, screened)
+            result = self._found = self._forward(result, singles, winner, screened)
             if self.scores.typical(result.best.fit.held) > ENOUGH:
                 result = self._begun_elsewhere(result, screened)
         else:
@@ -118,10 +158,6 @@ class Selector:
                 self.add(result, screened)
             if result.best is reference and self.scores.typical(reference.fit.held) > UNEXPLAINED:
                 result = self._only_together(result, screened)
-        if result.best is reference:
-            return result
-        self._settle(result)
-        self._grow(result)
         return result
 
     def _forward(
@@ -130,10 +166,12 @@ class Selector:
         """One effect after the other, beginning with ``first``, as long as that is worth it."""
         gain = self.scores.difference(result.reference.fit, first.fit)
         found = replace(result, best=first, singles=singles, rivals=singles, gains=[gain], unrivalled=set())
+        self._keep(found)
         while len(found.best.fit.hypothesis.effects) < self._effort.max_effects:
             enough = self.scores.typical(found.best.fit.held) < ENOUGH and not found.best.fit.strained
             if enough or not self.add(found, screened):
                 break
+            self._keep(found)
         self._drop(found)
         return found
 
@@ -184,7 +222,8 @@ class Selector:
             return False
         present = {e.key for e in base.fit.hypothesis.effects}
         others, unrivalled = sum(e.key not in present for e in self.effects), stands_out(base.fit, best.fit, pairs)
-        if not earns(self.scores, base, best, others, unrivalled):
+        first = result.gains[0][0] if result.gains else np.inf
+        if not earns(self.scores, base, best, others, unrivalled, first):
             return False
         if unrivalled:
             result.unrivalled |= {e.key for e in best.fit.hypothesis.effects} - present
@@ -207,7 +246,8 @@ class Selector:
                 without.append(self.scores.scored(self.fitter.polish(self.fitter.fit(Hypothesis(rest), x, full.z))))
             simpler = min(without, key=by_score)
             lost = {e.key for e in full.hypothesis.effects} - {e.key for e in simpler.fit.hypothesis.effects}
-            if earns(self.scores, simpler, result.best, len(self.effects), lost <= result.unrivalled):
+            first = self.scores.difference(result.reference.fit, simpler.fit)[0]
+            if earns(self.scores, simpler, result.best, len(self.effects), lost <= result.unrivalled, first):
                 result.gains = [self.scores.difference(w.fit, full) for w in without]
                 return
             others = result.singles if len(simpler.fit.hypothesis.effects) == 1 else without

@@ -1,4 +1,4 @@
-"""From the competition to a verdict: no gap, an effect, an ambiguity, or something unknown; and why."""
+"""From the competition to a graded verdict, and why."""
 
 from __future__ import annotations
 
@@ -8,42 +8,36 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.inference.decision import SURE, Class, classes, names
 from simgap.inference.hypothesis import Fit
-from simgap.inference.model_selection import FINALISTS, UNEXPLAINED, indistinct, special_case
+from simgap.inference.model_selection import UNEXPLAINED, places
 from simgap.inference.nuisance import BOX
-from simgap.inference.scores import Scored
+from simgap.inference.scores import Scored, Scores
 from simgap.inference.screen import angle, projected_response
 from simgap.inference.select import REPEATED, Selection, Selector
 
 Array = NDArray[np.float64]
 
-SMALL = 4.0
-"""A gap below this many noise floors is not worth a verdict of unknown."""
 REMAINS = 1.6
 """A typical window that is left with a gap of this many noise floors is no case of no gap, whatever it looks like. In
 the blind set 79341278 healthy robots leave 1.24 at most there, slipping feet that nothing explained 1.7."""
 REMAINS_CHANNEL = 2.5
 """Nor is a channel that is left with so many over all windows: healthy robots of the blind sets 79341278 and 27027990
 leave 2.2 at most (58 of them), a drag at one joint of a quadruped that nothing explained 4.0."""
-STRUCTURE = 0.35
-"""Share of the residual's power that must be predictable for it to count as structure."""
-LEFT = 0.35
-"""Share of the gap that may be left by an effect that explains it."""
+COMPLETE = 0.15
+"""Causes that leave a typical window with more than UNEXPLAINED noise floors have explained the gap where they leave no
+more than this share of what nominal numbers leave."""
+MOST = 0.5
+"""Share of the gap that named causes must explain to be a good part of the answer: more than all the rest."""
+MUCH = 7.0
+"""All windows together that are left with more noise floors than this are no case of no gap, though it be few of them;
+nor is a typical one explained, however small a share of a large gap that is."""
 HIDDEN = 0.15
 """Another effect hides in nominal numbers at the end of what their priors allow where letting them go further is worth
 this share of what the effect that was found is worth."""
-LEFT_TYPICAL, LEFT_OVERALL = 0.15, 0.1
-"""An effect that is the cause leaves a typical window with UNEXPLAINED noise floors, or with no more than this share
-of what nominal numbers alone leave; or all windows together with no more than the last (a stop that is seldom
-met changes few windows, but much in these)."""
-MUCH = 7.0
-"""And with no more noise floors than this, however small a share of a large gap that is. All windows together that
-are left with more are no case of no gap, though it be few of them."""
 GUESSED = 2.0
 """A typical window that depends by so many noise floors on where a joint is guessed to be proves no effect. A double
 pendulum whose elbow's angle is not recorded: 98; a mouse whose servos and spine are not: 1e-7."""
-UNSTABLE = 0.5
-"""Spread of a parameter between folds, relative to its distance from neutral."""
 
 
 @dataclass
@@ -51,7 +45,10 @@ class Verdict:
     """The verdict with its reasons.
 
     Attributes:
-        kind: no_gap, effect, ambiguous or unknown.
+        kind: no_gap, calibration, effect, ambiguous, partial or unknown.
+        probability: that the causes named are those, and no others that were looked at.
+        explained: share (0 to 1) of the gap above the noise floor that recalibration and the named causes explain.
+        classes: hypotheses that name the same causes, with their probabilities, the likeliest first.
         equivalent: classes of effects (name@site) that the data cannot tell apart.
         angles: {pair: angle [deg]} between what rivals change, nuisances taken out.
         open: fits between which the next experiment should decide, the winner first.
@@ -59,57 +56,143 @@ class Verdict:
 
     kind: str
     best: Scored
+    probability: float = 0.0
+    explained: float = 0.0
+    classes: list[Class] = field(default_factory=list)
     reasons: list[str] = field(default_factory=list)
     equivalent: list[list[str]] = field(default_factory=list)
     angles: dict[str, float] = field(default_factory=dict)
     open: list[Fit] = field(default_factory=list)
 
+    @property
+    def sure(self) -> float:
+        """Probability that the verdict is right.
 
-def judge(selector: Selector, selection: Selection, structure: float) -> Verdict:
-    """Decide. ``structure`` is the predictable share of the residual that the best hypothesis leaves."""
-    best, reference = selection.best, selection.reference
-    verdict = Verdict("no_gap", best)
+        That its causes are those; of one that is ambiguous, that they are among the rivals it names; of one that is
+        unknown, that what was found is not the whole of it.
+        """
+        if self.kind == "unknown":
+            return 1.0 - self.explained * self.probability
+        if self.kind == "ambiguous":
+            told = [names(self.best.fit), *(names(f) for f in self.open)]
+            return sum(c.probability for c in self.classes if c.names in told)
+        return self.probability
+
+
+def judge(selector: Selector, selection: Selection) -> Verdict:
+    """Decide what may be said of a competition's outcome."""
+    best, reference, scores = selection.best, selection.reference, selector.scores
+    gain = min((g for g, _, _ in selection.gains), default=0.0)
+    blocks = selector.fitter.windows.block
+    pool = [best, *selection.rivals, *selection.singles]
+    found = classes(pool, reference, gain, places(selector.effects), blocks, selector.seed)
+    verdict = Verdict("no_gap", best, classes=found)
+    verdict.probability = sum(c.probability for c in found if c.names == names(best.fit))
+    verdict.explained = max(
+        _explained(before, after)
+        for before, after in (
+            (scores.typical(selector.nominal_square), scores.typical(best.fit.held)),
+            (selection.nominal_gap, best.gap),
+        )
+    )
     if best is reference:
-        typical, worst = selector.scores.typical(best.fit.held), selector.scores.worst_channel(best.fit.held)
-        remains = typical > REMAINS or worst > REMAINS_CHANNEL or best.gap > MUCH
-        if remains or (best.gap > SMALL and structure > STRUCTURE):
-            verdict.kind = "unknown"
-            verdict.open = [s.fit for s in selection.singles[:2]] + [reference.fit]
-            verdict.reasons.append(
-                f"no known effect earns its place, yet a gap of {best.gap:.1f} noise floors remains ({typical:.1f} in "
-                f"a typical window, {worst:.1f} in the worst channel) and {100 * structure:.0f} % of it is predictable"
-            )
-        else:
-            left = f"{best.gap:.1f} noise floors are left, {worst:.1f} in the worst channel"
-            verdict.reasons.append(
-                f"nominal numbers within their priors predict held-out data as well as repeating the experiment: {left}"
-                if worst <= REPEATED
-                else f"no effect improves the prediction of held-out data beyond what priors explain: {left}"
-            )
-        return verdict
+        _without_effect(verdict, selector, selection)
+    else:
+        _with_effects(verdict, selector, selection)
+    return verdict
+
+
+def _explained(before: float, after: float) -> float:
+    """Share of a gap above one noise floor that is gone."""
+    return float(np.clip(1.0 - max(after - 1.0, 0.0) / max(before - 1.0, 1e-9), 0.0, 1.0))
+
+
+def _remains(scores: Scores, square: Array) -> bool:
+    """Whether mean squares (nw, nl) of windows are no case of no gap."""
+    overall = float(scores.gaps(square)[0])
+    return scores.typical(square) > REMAINS or scores.worst_channel(square) > REMAINS_CHANNEL or overall > MUCH
+
+
+def _without_effect(verdict: Verdict, selector: Selector, selection: Selection) -> None:
+    """The verdict where no effect earns its place."""
+    reference, scores = selection.reference, selector.scores
+    held = reference.fit.held
+    typical, worst = scores.typical(held), scores.worst_channel(held)
+    left = f"{reference.gap:.1f} noise floors are left, {worst:.1f} in the worst channel"
+    moved = ", ".join(selector.fitter.nuisances[i].name for i in reference.fit.strained)
+    if _remains(scores, held):
+        verdict.kind = "partial" if verdict.explained >= MOST else "unknown"
+        verdict.open = [s.fit for s in selection.singles[:2]] + [reference.fit]
+        verdict.reasons.append(
+            f"no known effect earns its place, yet a gap of {reference.gap:.1f} noise floors remains ({typical:.1f} in "
+            f"a typical window, {worst:.1f} in the worst channel); nominal numbers within their tolerances explain "
+            f"{100 * verdict.explained:.0f} % of what there was"
+        )
+    elif moved or _remains(scores, selector.nominal_square):
+        verdict.kind = "calibration"
+        verdict.reasons.append(
+            f"nominal numbers within their tolerances explain {100 * verdict.explained:.0f} % of the gap: {left}"
+            + (f"; {moved} are as far off as they may be" if moved else "")
+        )
+    elif worst <= REPEATED:
+        verdict.reasons.append(
+            f"nominal numbers within their priors predict held-out data as well as repeating the experiment: {left}"
+        )
+    else:
+        verdict.reasons.append(f"no effect improves the prediction of held-out data beyond what priors explain: {left}")
+
+
+def _with_effects(verdict: Verdict, selector: Selector, selection: Selection) -> None:
+    """The verdict on effects that earned their place."""
+    best, reference, scores = selection.best, selection.reference, selector.scores
     verdict.kind = "effect"
-    doubts = _doubts(selector, selection, structure)
     verdict.equivalent = _equivalents(selector, selection, verdict)
+    doubts = _doubts(selector, selection)
+    typical, reference_typical = (scores.typical(s.fit.held) for s in (best, reference))
+    pairs = (reference_typical, typical), (reference.gap, best.gap)
+    by_causes = max(_explained(before, after) for before, after in pairs)
+    incomplete = typical > MUCH or (typical > UNEXPLAINED and by_causes < 1.0 - COMPLETE)
+    hidden = _hidden(selector, selection)
     if doubts:
         verdict.kind, verdict.reasons = "unknown", doubts
-        if not verdict.open:
-            verdict.open = [best.fit, *(r.fit for r in selection.rivals[1:3])]
+    elif incomplete or hidden:
+        left = f"{typical:.1f} noise floors are left in a typical window"
+        if by_causes >= MOST and not verdict.equivalent:
+            verdict.kind = "partial"
+            verdict.reasons.append(
+                f"{best.key} explains {100 * by_causes:.0f} % of what nominal numbers leave; {left}, which nothing in "
+                "the library explains"
+            )
+        else:
+            verdict.kind = "unknown"
+            verdict.reasons.append(
+                f"the best hypothesis ({best.key}) explains {100 * by_causes:.0f} % of what nominal numbers leave, and "
+                f"{left}"
+                + (f"; {verdict.equivalent[0][1]} does about as well" if verdict.equivalent else "")
+                + ": the cause is not in the library"
+            )
+        if hidden:
+            verdict.reasons.append(hidden)
     elif verdict.equivalent:
         verdict.kind = "ambiguous"
         verdict.reasons.append("held-out data do not tell these apart: " + ", ".join(verdict.equivalent[0]))
     else:
         gain, low, high = selection.gains[-1]
-        verdict.reasons.append(f"{best.key} gains {gain:.0f} nats on held-out data (90 %: {low:.0f} to {high:.0f})")
+        verdict.reasons.append(
+            f"{best.key} gains {gain:.0f} nats on held-out data (90 %: {low:.0f} to {high:.0f}); its probability among "
+            f"all that was tried is {verdict.probability:.2f}"
+        )
+    if verdict.kind != "effect" and not verdict.open:
+        verdict.open = [best.fit, *(r.fit for r in selection.rivals[1:3])]
     # What is the same change under another name is always listed.
     for effect in best.fit.hypothesis.effects:
         if effect.aliases:
             verdict.equivalent.append([effect.key, *effect.aliases])
-    return verdict
 
 
-def _doubts(selector: Selector, selection: Selection, structure: float) -> list[str]:
-    """Reasons not to believe the winner."""
-    best, reference = selection.best, selection.reference
+def _doubts(selector: Selector, selection: Selection) -> list[str]:
+    """Reasons not to believe the winner at all."""
+    best = selection.best
     doubts = []
     replayer = selector.fitter.residuals.replayer
     guessed = replayer.guesswork()
@@ -121,49 +204,34 @@ def _doubts(selector: Selector, selection: Selection, structure: float) -> list[
             f"nothing measures where {', '.join(unseen[:3])}{more} is, and a typical window changes by {guessed:.0f} "
             f"noise floors with where it is guessed to begin, so that {best.key} may explain the guess: record it"
         )
-    left = max(best.gap - 1.0, 0.0) / max(selection.nominal_gap - 1.0, reference.gap - 1.0, 1e-9)
-    if best.gap > SMALL and left > LEFT and structure > STRUCTURE:
-        doubts.append(
-            f"the best hypothesis ({best.key}) leaves {100 * left:.0f} % of the gap, "
-            f"and {100 * structure:.0f} % of that is predictable: the cause is not in the library"
-        )
-    typical, reference_typical = (selector.scores.typical(s.fit.held) for s in (best, reference))
-    share = (typical - 1.0) / max(reference_typical - 1.0, 1e-9)
-    overall = (best.gap - 1.0) / max(reference.gap - 1.0, 1e-9)
-    much = typical > MUCH or (typical > UNEXPLAINED and share > LEFT_TYPICAL and overall > LEFT_OVERALL)
-    if much and not doubts:
-        doubts.append(
-            f"the best hypothesis ({best.key}) leaves {typical:.1f} noise floors in a typical window, "
-            f"{100 * share:.0f} % of what nominal numbers leave: the cause is not in the library"
-        )
-    strained = [selector.fitter.nuisances[i].name for i in best.fit.strained]
-    if strained:
-        share = selector.hidden(selection)
-        if share > HIDDEN:
-            doubts.append(
-                f"beside {best.key}, {' and '.join(strained)} would have to be off by more than {BOX:g} prior "
-                f"deviations (worth {100 * share:.0f} % of what the effect is): another effect hides in them"
-            )
     position = 0
     for effect in best.fit.hypothesis.effects:
         for parameter in effect.parameters:
-            value, spread = best.fit.x[position], best.fit.fold_x[:, position]
+            value, spread = float(best.fit.x[position]), best.fit.fold_x[:, position]
             position += 1
-            if effect.name == "tendon_detached":
+            if effect.name == "tendon_detached" or len(effect.parameters) > 1:
                 continue
             width = 1e-3 * (parameter.high - parameter.low)
             outer = [b for b in (parameter.low, parameter.high) if abs(b - parameter.neutral) > width]
-            if any(abs(value - b) <= width for b in outer) and len(effect.parameters) == 1:
+            if any(abs(value - b) <= (1e-3 * b if parameter.log else width) for b in outer):
                 doubts.append(f"{effect.key}: {parameter.name} sits on its bound {value:.3g} {parameter.unit}")
-            far = abs(value - parameter.neutral)
-            if (
-                len(effect.parameters) == 1
-                and len(spread) > 1
-                and far > 0
-                and float(np.ptp(spread)) > 2 * UNSTABLE * far
-            ):
+            far = abs(parameter.away(value))
+            away = [parameter.away(float(v)) for v in spread]
+            if len(spread) > 1 and far > 0 and float(np.ptp(away)) > far:
                 doubts.append(f"{effect.key}: {parameter.name} changes from fold to fold ({_listed(spread)})")
     return doubts
+
+
+def _hidden(selector: Selector, selection: Selection) -> str:
+    """What is hidden in nominal numbers at the end of their boxes, in words; empty where nothing is."""
+    best = selection.best
+    strained = [selector.fitter.nuisances[i].name for i in best.fit.strained]
+    if not strained or (share := selector.hidden(selection)) <= HIDDEN:
+        return ""
+    return (
+        f"beside {best.key}, {' and '.join(strained)} would have to be off by more than {BOX:g} prior deviations "
+        f"(worth {100 * share:.0f} % of what the effect is): another effect hides in them"
+    )
 
 
 def _listed(values: Array) -> str:
@@ -172,29 +240,23 @@ def _listed(values: Array) -> str:
 
 def _equivalents(selector: Selector, selection: Selection, verdict: Verdict) -> list[list[str]]:
     """The class of hypotheses that cannot be told from the winner; empty where it stands alone."""
-    best = selection.best
+    best, mine = selection.best, names(selection.best.fit)
     winner = projected_response(selector.fitter, best.fit, selection.reference.fit)
-    mine = _names(best.fit)
-    close = indistinct(min(gain for gain, _, _ in selection.gains))
-    alike, seen = [], [mine]
-    for rival in selection.rivals[: 2 * FINALISTS]:
-        if rival is best or _names(rival.fit) in seen:
+    if verdict.probability >= SURE:
+        return []
+    alike, reached = [], verdict.probability
+    for rival in verdict.classes:
+        if rival.names == mine or not rival.names:
             continue
-        seen.append(_names(rival.fit))
-        if rival.fit.likelihood is None and rival.score >= selection.reference.score:
-            continue  # Explains no more than nominal numbers do.
-        response = projected_response(selector.fitter, rival.fit, selection.reference.fit)
-        verdict.angles[f"{best.key} | {rival.key}"] = angle(winner, response)
-        gain, low, _ = selector.scores.difference(rival.fit, best.fit)
-        if (gain < close or low <= 0.0) and not special_case(best.fit, rival.fit):
-            alike.append(rival)
+        alike.append(rival)
+        response = projected_response(selector.fitter, rival.fits[0], selection.reference.fit)
+        verdict.angles[f"{best.key} | {rival.fits[0].hypothesis.key}"] = angle(winner, response)
+        reached += rival.probability
+        if reached >= SURE:
+            break
     if not alike:
         return []
-    verdict.open = [best.fit, *(r.fit for r in alike)]
-    different = [sorted(_names(r.fit) - mine) for r in alike]
-    changed = sorted(mine - set[str].intersection(*(_names(r.fit) for r in alike)))
+    verdict.open = [best.fit, *(r.fits[0] for r in alike)]
+    different = [sorted(r.names - mine) for r in alike]
+    changed = sorted(mine - frozenset[str].intersection(*(r.names for r in alike)))
     return [[" + ".join(changed) or best.key, *(" + ".join(d) for d in different if d)]]
-
-
-def _names(fit: Fit) -> set[str]:
-    return {e.key for e in fit.hypothesis.effects}

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.analysis.diagnose import Diagnosis
+from simgap.analysis.errors import unit_of
 from simgap.inference.hypothesis import Hypothesis
 
 Array = NDArray[np.float64]
@@ -17,6 +18,7 @@ Ints = NDArray[np.int64]
 _CHANNELS = 4
 _WINDOWS = 4
 _RANKED = 9
+_FREE_CHANNELS = 3
 _SITES = {
     "servo": mujoco.mjtObj.mjOBJ_ACTUATOR,
     "tendon": mujoco.mjtObj.mjOBJ_TENDON,
@@ -42,6 +44,19 @@ class Curve:
 
 
 @dataclass(frozen=True)
+class FreeCurve:
+    """One channel of one free run, (nw, ns) each; nw is 1 unless the run is cut into stretches."""
+
+    run: float
+    channel: str
+    unit: str
+    time: Array
+    measured: Array
+    nominal: Array
+    diagnosed: Array
+
+
+@dataclass(frozen=True)
 class Rank:
     """What one hypothesis gains over the nominal model with its nuisances [nats], with its 90 % interval."""
 
@@ -63,6 +78,7 @@ class Evidence:
         qpos: a posture of the recording, (nq,).
         bodies: {body: names of the subsystems whose channels speak about it}.
         causes: {body: names of the effects that were found there}; a sensor's or the link's have no place.
+        free: curves of one free run, the channels with the largest gap first.
     """
 
     model: mujoco.MjModel
@@ -71,6 +87,7 @@ class Evidence:
     ranking: list[Rank] = field(default_factory=list)
     bodies: dict[int, list[str]] = field(default_factory=dict)
     causes: dict[int, list[str]] = field(default_factory=dict)
+    free: list[FreeCurve] = field(default_factory=list)
 
 
 def gather(found: Diagnosis) -> Evidence:
@@ -81,6 +98,7 @@ def gather(found: Diagnosis) -> Evidence:
     evidence.ranking = _ranking(found)
     evidence.bodies = _bodies(found)
     evidence.causes = _causes(found)
+    evidence.free = _free(found)
     return evidence
 
 
@@ -119,6 +137,33 @@ def _curves(found: Diagnosis) -> dict[tuple[str, str], list[Curve]]:
             for i, window in enumerate(picked)
         ]
     return curves
+
+
+def _free(found: Diagnosis) -> list[FreeCurve]:
+    """The run whose diagnosed error is the median one, in the channels that show most of the gap."""
+    plant = found.selector.fitter.residuals.replayer.plant
+    names = [output.name for output in plant.outputs]
+    shares: dict[str, float] = {}
+    for row in found.report["where"]:
+        shares[row["channel"]] = shares.get(row["channel"], 0.0) + row["share"]
+    loud = sorted(shares, key=lambda name: -shares[name])[:_FREE_CHANNELS]
+    whole = [run for run in found.runs if not run.broke_down("diagnosed")] or found.runs
+    if not whole or not loud:
+        return []
+    whole = sorted(whole, key=lambda run: run.error(plant, "diagnosed").get(loud[0], 0.0))
+    run = whole[len(whole) // 2]
+    return [
+        FreeCurve(
+            run.label,
+            name,
+            unit_of(plant.outputs[c]),
+            run.time,
+            run.measured[..., c],
+            run.simulated["nominal"][..., c],
+            run.simulated["diagnosed"][..., c],
+        )
+        for name, c in ((name, names.index(name)) for name in loud)
+    ]
 
 
 def _seen_by_others(found: Diagnosis, fold: int) -> tuple[Array, Array]:

@@ -45,7 +45,7 @@ def robot(report: Report, evidence: Evidence) -> Figure:
             text = f"{name}  {100 * shares[name]:.0f} %"
             body = strongest[name]
             labels[body] = f"{labels[body]}\n{text}" if body in labels else text
-    if report["verdict"] in ("effect", "ambiguous"):
+    if report["verdict"] in ("effect", "ambiguous", "partial"):
         return draw_robot(evidence.model, evidence.qpos, heat, labels, list(evidence.causes))
     return draw_robot(evidence.model, evidence.qpos, heat, labels)
 
@@ -224,7 +224,7 @@ def curves(evidence: Evidence) -> Figure | None:
             axes.plot(w.time, w.measured, color=MEASURED, linewidth=5, label="measured", solid_capstyle="round")
             axes.plot(w.time, w.nominal, color=BEFORE, linewidth=1.6, label="nominal model")
             axes.plot(w.time, w.after, color=AFTER, linewidth=1.6, label="with what was found")
-            _frame_to(axes, w.measured, w.nominal, w.after)
+            frame_to(axes, w.measured, w.nominal, w.after)
             calm(axes, "y")
             axes.tick_params(labelsize=8)
             if c == 0:
@@ -238,7 +238,7 @@ def curves(evidence: Evidence) -> Figure | None:
     return figure
 
 
-def _frame_to(axes: Axes, *series: Array) -> None:
+def frame_to(axes: Axes, *series: Array) -> None:
     """Let no run-away simulation decide the scale."""
     measured = series[0][np.isfinite(series[0])]
     if not len(measured):

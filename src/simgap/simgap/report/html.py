@@ -10,9 +10,10 @@ import matplotlib
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
 from simgap.data.errors import GapInputError
-from simgap.report import figures
+from simgap.report import figures, progress
 from simgap.report.evidence import Evidence
-from simgap.report.sentences import meaning, number, percent, plain, sentences, title
+from simgap.report.glossary import GLOSSARY
+from simgap.report.sentences import amount, meaning, number, percent, plain, sentences, title
 from simgap.report.style import svg
 
 Report = dict[str, Any]
@@ -28,12 +29,14 @@ def page(report: Report, evidence: Evidence) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "percent": percent, "plain": plain, "meaning": meaning}
+    environment.filters |= {"number": number, "percent": percent, "plain": plain, "meaning": meaning, "amount": amount}
     drawn = {
         "robot": figures.robot(report, evidence),
         "phases": figures.phase_map(report),
         "bands": figures.band_map(report),
         "ranking": figures.ranking(evidence),
+        "waterfall": progress.waterfall(report),
+        "free": progress.free_curves(evidence),
         "alternatives": figures.alternatives(report),
         "channels": figures.channels(report),
         "curves": figures.curves(evidence),
@@ -45,7 +48,8 @@ def page(report: Report, evidence: Evidence) -> str:
         title=title(report),
         sentences=sentences(report),
         figure={name: svg(f) if f is not None else None for name, f in drawn.items()},
-        moved=sorted(report["nuisances"].items(), key=lambda item: -abs(item[1]))[:12],
+        free=progress.free_table(report),
+        glossary=GLOSSARY,
         shares=figures.subsystem_shares(report),
     )
 

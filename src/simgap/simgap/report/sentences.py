@@ -11,10 +11,14 @@ Report = dict[str, Any]
 
 TITLES = {
     "no_gap": "No gap worth an explanation",
+    "calibration": "Numbers of the model within their tolerances explain it",
     "effect": "One cause found",
     "ambiguous": "Several causes explain it equally well",
-    "unknown": "No cause that can be believed",
+    "partial": "The causes that were found explain most of it",
+    "unknown": "No cause explains a good share of it",
 }
+_GOOD_SHARE = 0.5
+"""Of an unknown gap: what explains more than that is named in the title, and that it is not settled."""
 _PHASES = {
     "standstill": "at standstill",
     "reversal": "when the motion changes direction",
@@ -35,12 +39,18 @@ def title(report: Report) -> str:
         return f"{len(report['effects'])} causes found together"
     if report["verdict"] == "ambiguous" and (sure := _settled(report)):
         return f"{_capital(' and '.join(plain(_key(e)) for e in sure))}, and a further cause that is not settled"
+    names = _capital(" and ".join(plain(_key(e)) for e in report["effects"]))
+    if report["verdict"] == "partial" and names:
+        one = len(report["effects"]) == 1
+        return f"{names} explain{'s' if one else ''} most of it, {percent(_left(report))} stays unexplained"
+    if report["verdict"] == "unknown" and names and _left(report) < _GOOD_SHARE:
+        return f"Not settled: {names[:1].lower() + names[1:]} explains it best"
     return TITLES[report["verdict"]]
 
 
 def sentences(report: Report) -> list[str]:
-    """Three: where, what, how far."""
-    return [where(report), what(report), how_far(report)]
+    """Where, what, how far in short windows and running free; what is left; which numbers sit at their limits."""
+    return [s for s in (where(report), what(report), how_far(report), free(report), left(report), limits(report)) if s]
 
 
 def where(report: Report) -> str:
@@ -65,10 +75,21 @@ def what(report: Report) -> str:
     verdict = report["verdict"]
     if verdict == "no_gap":
         return "No known effect predicts the held-out data better than the tolerances of the model already do."
-    if verdict == "unknown":
-        reasons = "; ".join(report.get("reasons") or ["a structured residual remains"])
-        return f"No effect that the library knows can be believed: {reasons}."
+    if verdict == "calibration":
+        numbers = "; ".join(_number(row) for row in report["calibration"][:3]) or "many by a little each"
+        return f"No part has to behave otherwise: numbers of the model are a little off, {numbers}."
     text = " and ".join(_effect(e) for e in report["effects"])
+    if verdict == "unknown":
+        reasons = report.get("reasons") or ["a structured residual remains"]
+        if text:
+            # The page lists all doubts; the first is enough beside the cause.
+            return f"What explains most is {text}. It is not settled: {reasons[0]}."
+        return f"The cause is not settled: {'; '.join(reasons)}."
+    if verdict == "partial":
+        return (
+            f"Most of it is caused by {text}; {percent(_left(report))} of the gap's power is explained by nothing that "
+            "is known."
+        )
     if verdict != "ambiguous":
         return f"It is caused by {text}."
     rivals = [p for group in report["equivalent"][:1] for p in group[1:]]
@@ -123,6 +144,60 @@ def how_far(report: Report) -> str:
         "experiment"
     )
     return text + (", which is the best that anything known does." if report["verdict"] == "unknown" else ".")
+
+
+def free(report: Report) -> str:
+    """What a user of the corrected model gets: the error of whole runs, in the channel that shows most of the gap."""
+    first, last = report["waterfall"][0]["free_running"], report["waterfall"][-1]["free_running"]
+    loud = [row["channel"] for row in report["where"] if first.get(row["channel"]) is not None] or list(first)
+    if report["verdict"] == "no_gap" or not loud or first[loud[0]] is None:
+        return ""
+    name, rows = loud[0], report["free_running"]
+    unit, stretch = rows[0]["unit"].get(name, ""), rows[0]["stretch_s"]
+    if last.get(name) is None or first[name] != first[name] or last[name] != last[name]:
+        return f"Running free, a simulation breaks down; {name} cannot be compared over whole runs."
+    how = f"over {stretch:g} s, after which chaos tells" if stretch else "from the start of a run to its end"
+    seen = " (runs that were also fitted)" if all(r["fitted_on_it"] for r in rows if r["model"] == "diagnosed") else ""
+    change = "falls" if last[name] <= first[name] else "grows"
+    return (
+        f"Running free {how}{seen}, the error at {name} {change} from {amount(first[name], unit)} to "
+        f"{amount(last[name], unit)}."
+    )
+
+
+def left(report: Report) -> str:
+    """What is left and what it goes with."""
+    return "" if report["verdict"] == "no_gap" else str(report["remainder"]["sentence"])
+
+
+def limits(report: Report) -> str:
+    """Nominal numbers that sit at the end of what their tolerances allow: whatever the verdict, a user must know."""
+    rows = [row for row in report["calibration"] if row["at_limit"]]
+    if not rows:
+        return ""
+    names = "; ".join(_number(row) for row in rows[:4])
+    more = f"; and {len(rows) - 4} more" if len(rows) > 4 else ""
+    return f"At the limit of what its tolerance allows, and perhaps beyond: {names}{more}."
+
+
+def _left(report: Report) -> float:
+    return float(report["remainder"]["share"])
+
+
+def _number(row: dict[str, Any]) -> str:
+    """One nominal number that moved, in words."""
+    name = f"{row['name']} of {row['site']}" if row["site"] else row["name"]
+    unit = "" if row["unit"] in ("", "1") else f" {row['unit']}"
+    return f"{name.replace('_', ' ')} {number(row['value'])}{unit} instead of {number(row['nominal'])}"
+
+
+def amount(value: float | None, unit: str) -> str:
+    """A value with its unit; angles and lengths in thousandths where they are small."""
+    if value is None or value != value:
+        return "broke down"
+    small = unit in ("rad", "m", "rad/s", "m/s") and abs(value) < 0.1
+    text = f"{1e3 * value:.3g} m{unit}" if small else f"{value:.3g} {unit}"
+    return text.removesuffix(" 1")
 
 
 def plain(key: str) -> str:

@@ -14,6 +14,9 @@ SHORTEST = 0.15
 """[s]"""
 _GROWN = 1.5
 """Once an error of the start has grown by this factor in many windows, what comes after it is chaos, not evidence."""
+_FORGOTTEN = 0.5
+"""Where it has shrunk to this by the end of a window, the robot forgets its start, and longer windows show what is
+wrong in the steady state as well."""
 _MANY = 80.0
 """[%] of the windows in which it has not."""
 _ERRORS = 2.0
@@ -41,6 +44,15 @@ def usable_horizon(replayer: Replayer, nominal: Variant) -> float:
     typical = np.percentile(growth.max(axis=0), _MANY, axis=0)
     grown = np.flatnonzero(np.maximum.accumulate(typical) > _GROWN)
     return max(float(times[grown[0]]), SHORTEST) if len(grown) else float(times[-1])
+
+
+def forgets(replayer: Replayer, nominal: Variant) -> bool:
+    """Whether an error of the start has mostly gone by the end of a window, in most windows."""
+    state = replayer.state
+    if state.base is not None or not state.complete(replayer.plant.model):
+        return False
+    growth = start_growth(replayer, nominal)
+    return bool(growth.size and np.percentile(growth[..., -1].max(axis=0), _MANY) < _FORGOTTEN)
 
 
 def start_growth(replayer: Replayer, nominal: Variant) -> Array:

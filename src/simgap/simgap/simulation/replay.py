@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from simgap.data.align import Aligned
 from simgap.data.plant import Plant, euler_angles
 from simgap.simulation.drive import Drive, Follow
-from simgap.simulation.servo_step import LoadFriction, ServoStep, needs_friction_step
+from simgap.simulation.servo_step import LoadFriction, ServoStep, Switch, needs_friction_step
 from simgap.simulation.signal_path import inverse_outputs, shape_inputs
 from simgap.simulation.state import MeasuredState, measured_state
 from simgap.simulation.variant import InputPath, OutputPath, Variant
@@ -77,6 +77,7 @@ class Replayer:
             inside = (windows.start >= run.start) & (windows.start < run.stop)
             self._run_start[inside], self._run_stop[inside] = run.start, run.stop
         self.state = self._measured(OutputPath.neutral(plant))
+        self._always_on = bool(aligned.enabled.all())
         self._start: Array | None = None
         if not self.state.complete(plant.model):
             self._start = self._observe()
@@ -112,7 +113,7 @@ class Replayer:
         per_sim = 8.0 * self._steps * (self.plant.model.nsensordata + self.plant.model.nu + self.plant.model.nv)
         size = int(np.clip(_MAX_BYTES / per_sim, 16, _MAX_SIMS))
         # Which way a pair runs depends on its variant alone, so that its company changes no bit.
-        ways = np.array([_way(v) for v in variants])[which]
+        ways = np.array([_way(v, self._always_on) for v in variants])[which]
         for way in np.unique(ways):
             chosen = np.flatnonzero(ways == way)
             for first in range(0, len(chosen), size):
@@ -280,6 +281,7 @@ class Replayer:
         sensors = batch.bind("sensordata")
         if servo.active:
             servo.bind(batch)
+        switch = None if self._always_on else Switch(batch, self.aligned.enabled, drive.origin)
         first = 0 if warm else max(self._lead_steps - 1, 0)
         for k in range(first, self._steps):
             position = k * self._dt / self.aligned.period
@@ -289,7 +291,9 @@ class Replayer:
             control, applied = drive.at(position)
             if servo.active:
                 control, extra = servo.step(control)
-                applied = applied + extra
+                applied = applied + (extra if switch is None else extra * switch.on(position)[:, None])
+            if switch is not None:
+                switch.at(position)
             batch.ctrl[:] = control
             batch.qfrc_applied[:] = applied
             if law is not None and loss is not None and base_loss is not None and force is not None:
@@ -403,12 +407,12 @@ _ROLLS, _LOOKS, _REMEMBERS = 0, 1, 2
 """Ways in which a variant runs: in one call, step by step, step by step with its past."""
 
 
-def _way(variant: Variant) -> int:
-    """How a variant must run: its servos or frictions look at the state, or its past matters."""
+def _way(variant: Variant, always_on: bool = True) -> int:
+    """How a variant must run: its servos or frictions look at the state or are switched, or its past matters."""
     servos, outputs = variant.servos, variant.outputs
     if servos.backlash.any() or outputs.delay.any():
         return _REMEMBERS
-    if servos.dead_band.any() or servos.sag != 0.0 or needs_friction_step([variant]):
+    if not always_on or servos.dead_band.any() or servos.sag != 0.0 or needs_friction_step([variant]):
         return _LOOKS
     return _ROLLS
 

@@ -14,6 +14,8 @@ from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
 
+_ROUNDING = 1e-9
+"""Rows: a step that begins with a switch, to the last bit, sees it."""
 _CONTACT_STIFFNESS = 0.7
 """Stiffness of the flanks of a play, as a share of what one time step can carry: inertia / dt^2."""
 
@@ -141,6 +143,34 @@ class ServoStep:
         loose = self._width[:, a] > 0
         for j, dof in enumerate(dofs):
             extra[:, dof] += np.where(loose[:, j], torque[:, j], 0.0)
+
+
+class Switch:
+    """Switches the actuators of all simulations off and on as those of the robot were.
+
+    ``enabled`` (n,) of the recording's rows; simulation i reads it from row ``origin[i]`` on.
+    """
+
+    def __init__(self, batch: mjbatch.Batch, enabled: NDArray[np.bool_], origin: NDArray[np.int64]) -> None:
+        self._enabled, self._origin = enabled, origin
+        self._fields = [batch.expand(f"actuator_{field}") for field in ("gainprm", "biasprm")]
+        self._values = [field.copy() for field in self._fields]
+        self._now: NDArray[np.bool_] | None = None
+
+    def on(self, position: float) -> NDArray[np.bool_]:
+        """Whether those of each simulation (n,) are on, ``position`` rows after its origin."""
+        found: NDArray[np.bool_] = self._enabled[
+            np.minimum(self._origin + int(position + _ROUNDING), len(self._enabled) - 1)
+        ]
+        return found
+
+    def at(self, position: float) -> None:
+        """Switch them for the coming step."""
+        on = self.on(position)
+        if self._now is None or (on != self._now).any():
+            self._now = on
+            for field, value in zip(self._fields, self._values, strict=True):
+                field[:] = np.where(on[:, None, None], value, 0.0)
 
 
 def needs_friction_step(variants: Sequence[Variant]) -> bool:

@@ -20,6 +20,10 @@ HORIZON_HEAVY = 0.3
 """[s] of free run of models with more than LIGHT degrees of freedom: as much shows in half of it, at half the price."""
 WARM_UP = 0.15
 """[s] before it in which the model is held to the measurement, so that what is not measured can settle."""
+HORIZONS_LONG = (2.4, 1.2)
+"""[s] of free run of robots that forget their start: the first of which a recording holds enough."""
+_COVERED = 0.85
+"""Share of what shorter windows cover that longer ones have to cover."""
 FOLDS = 3
 _WINDOWS_PER_BLOCK, _LONG_PER_BLOCK = 3, 2
 """At least, of windows up to HORIZON and of longer ones; shorter windows make blocks of _BLOCK."""
@@ -73,6 +77,22 @@ class Windows:
         return rows
 
 
+def longer(aligned: Aligned, warm_up: float = WARM_UP) -> float:
+    """The longest horizon [s] of which a recording holds MIN_WINDOWS, that leaves little of it out."""
+
+    def held(horizon: float) -> tuple[int, float]:
+        length, lead = horizon / aligned.period, warm_up / aligned.period
+        windows = sum(int((r.stop - r.start - lead) / length) for r in aligned.runs)
+        return windows, windows * horizon
+
+    most = held(HORIZON)[1]
+    for horizon in HORIZONS_LONG:
+        windows, covered = held(horizon)
+        if windows >= MIN_WINDOWS and covered >= _COVERED * most:
+            return horizon
+    return HORIZON
+
+
 def affordable(model: mujoco.MjModel) -> int:
     """How many windows a model is worth: one with many degrees of freedom is slower, and says more in each.
 
@@ -96,7 +116,10 @@ def at_limit(aligned: Aligned, floor: Array) -> NDArray[np.bool_]:
             continue
         for end in ends:
             # The extreme lies at the edge of the noise about where it rests.
-            level = np.median(y[valid & (np.abs(y - end) < 2.0 * _NEAR * noise)])
+            edge = y[valid & (np.abs(y - end) < 2.0 * _NEAR * noise)]
+            if not len(edge):
+                continue
+            level = np.median(edge)
             rests = valid & (np.abs(y - level) < _NEAR * noise)
             edges = np.flatnonzero(np.diff(np.concatenate([[0], rests.astype(int), [0]]))).reshape(-1, 2)
             for first, last in edges[np.diff(edges, axis=1)[:, 0] >= long]:

@@ -1,0 +1,390 @@
+"""Changes written into an MJCF: in its own text where every element is found there, else as MuJoCo writes the model."""
+
+from __future__ import annotations
+
+import re
+import xml.parsers.expat
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from simgap.correction.changes import ATTRIBUTES, OBJECTS, Change, differences
+from simgap.data.channels import model_names
+from simgap.data.errors import GapInputError
+from simgap.data.plant import load_spec
+
+_TAG = re.compile(rb"""<([\w:.-]+)((?:\s+[\w:.-]+\s*=\s*(?:"[^"]*"|'[^']*'))*)\s*(/?)>""")
+_ATTRIBUTE = r"""\s+{name}\s*=\s*(?:"[^"]*"|'[^']*')"""
+_ANGLES = ("range", "springref")
+_SPEC_NAMES = {"solreffriction": "solref_friction", "solimpfriction": "solimp_friction", "solreflimit": "solref_limit"}
+"""MJCF attribute -> attribute of MjSpec where they differ."""
+_INERTIAL = ("mass", "ipos", "inertia")
+
+
+@dataclass(frozen=True)
+class Written:
+    """What became of the changes: whether the file keeps the text of the model, and which did not get into it."""
+
+    kept_text: bool
+    left_out: tuple[Change, ...]
+
+
+def write_mjcf(model: Path, changes: Sequence[Change], out: Path) -> Written:
+    """Write the model with the changes; the file is read back and compared.
+
+    Raises:
+        GapInputError: the model cannot be read, is not the one that the changes began from, or ``out`` cannot be
+            written or read back.
+    """
+    nominal = _compile(load_spec(model), model)
+    _check_start(nominal, changes, model)
+    left: tuple[Change, ...] = tuple(changes)
+    kept_text = False
+    for write in (_write_text, _write_spec):
+        if not write(model, nominal, changes, out):
+            continue
+        if moved := _moved(nominal, _compile(load_spec(out), out), changes):
+            write(model, nominal, [*changes, *moved], out)
+        left, kept_text = _missing(_compile(load_spec(out), out), changes), write is _write_text
+        if not left:
+            break
+    return Written(kept_text, left)
+
+
+def _moved(nominal: mujoco.MjModel, new: mujoco.MjModel, changes: Sequence[Change]) -> list[Change]:
+    """What moved along with the changes, to be held where it was: the compiler works some numbers out from others, as
+    the rest length of a tendon from those of its joints.
+    """
+    known = {c.place for c in changes}
+    return [
+        replace(c, value=c.nominal)
+        for c in differences(nominal, new)
+        if c.place not in known and not np.allclose(c.nominal, c.value, rtol=2e-5, atol=1e-9)
+    ]
+
+
+def _write_text(model: Path, nominal: mujoco.MjModel, changes: Sequence[Change], out: Path) -> bool:
+    """Write the model's own text with the changes, where it holds every element by name."""
+    text = _edited(model, nominal, changes)
+    if text is not None:
+        _write(out, text)
+    return text is not None
+
+
+def _write_spec(model: Path, nominal: mujoco.MjModel, changes: Sequence[Change], out: Path) -> bool:
+    """Write the model as MuJoCo does."""
+    spec = load_spec(model)
+    spec.compile()
+    for change in changes:
+        _set_in_spec(spec, nominal, change)
+    _compile(spec, model)
+    _write(out, spec.to_xml().encode())
+    return True
+
+
+def _write(out: Path, text: bytes) -> None:
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_bytes(text)
+    except OSError as error:
+        raise GapInputError(f"{out}: cannot be written ({error.strerror})") from error
+
+
+def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise GapInputError(
+            f"{path}: MuJoCo cannot compile the model ({' '.join(str(error).split())}); meshes and included files are "
+            "looked for from the folder of the model, so write the corrected one beside it"
+        ) from error
+
+
+def _check_start(model: mujoco.MjModel, changes: Sequence[Change], path: Path) -> None:
+    """Whether the changes began from this model."""
+    for change in changes:
+        found = _value(model, change)
+        if found is None:
+            raise GapInputError(f"{path}: has no {change.element} {change.name!r}; is it the model that was diagnosed?")
+        limited = change.attribute != "forcerange" or model.actuator_forcelimited[change.index]
+        if limited and not np.allclose(found, change.nominal, rtol=1e-3, atol=1e-9):
+            raise GapInputError(
+                f"{path}: {change.attribute} of {change.element} {change.name!r} is {_text(found)}, and the diagnosis "
+                f"began from {_text(change.nominal)}; is it the model that was diagnosed?"
+            )
+
+
+def _value(model: mujoco.MjModel, change: Change) -> tuple[float, ...] | None:
+    """The numbers of the attribute in a model, or None where it has no such element."""
+    if change.element == "option":
+        values = np.atleast_1d(getattr(model.opt, change.attribute))
+    else:
+        names = model_names(model, OBJECTS[change.element])
+        if change.index >= len(names) or names[change.index] != change.name:
+            return None
+        attribute = next(a for a in ATTRIBUTES if (a.element, a.name) == (change.element, change.attribute))
+        row = attribute.row(model, change.index)
+        if row is None:
+            return None
+        values = np.atleast_1d(getattr(model, attribute.field)[row])
+    return tuple(float(v) for v in values[: len(change.nominal)])
+
+
+def _missing(model: mujoco.MjModel, changes: Sequence[Change]) -> tuple[Change, ...]:
+    """Changes that a model does not have."""
+    return tuple(
+        c
+        for c in changes
+        if (found := _value(model, c)) is None or not np.allclose(found, c.value, rtol=2e-5, atol=1e-9)
+    )
+
+
+def _text(values: Sequence[float]) -> str:
+    return " ".join(f"{v:.10g}" for v in values)
+
+
+# --- The text of the model
+
+
+@dataclass
+class _Element:
+    """A start tag in the text: where it begins, its ancestors' names, and its first child of some names."""
+
+    start: int
+    tag: str
+    path: tuple[str, ...]
+    attributes: dict[str, str]
+    inertial: _Element | None = None
+
+
+@dataclass
+class _Edit:
+    """New attributes of a start tag (None: none of that name), its new name, and what to put behind it."""
+
+    attributes: dict[str, str | None] = field(default_factory=dict)
+    tag: str = ""
+    behind: str = ""
+
+
+def _elements(text: bytes) -> list[_Element]:
+    parser = xml.parsers.expat.ParserCreate()
+    found: list[_Element] = []
+    open_: list[_Element] = []
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = _Element(parser.CurrentByteIndex, tag, tuple(e.tag for e in open_), attributes)
+        if tag == "inertial" and open_:
+            open_[-1].inertial = element
+        found.append(element)
+        open_.append(element)
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: open_.pop()
+    parser.Parse(text, True)
+    return found
+
+
+def _find(elements: Sequence[_Element], change: Change) -> _Element | None:
+    """The one element that a change is about, or None where the text holds none or several."""
+    above = {"tendon": "tendon", "actuator": "actuator"}.get(change.element, "worldbody")
+    tags = {"tendon": ("spatial", "fixed"), "actuator": None}.get(change.element, (change.element,))
+    found = [
+        e
+        for e in elements
+        if above in e.path and (tags is None or e.tag in tags) and e.attributes.get("name") == change.name
+    ]
+    return found[0] if len(found) == 1 else None
+
+
+def _edited(path: Path, nominal: mujoco.MjModel, changes: Sequence[Change]) -> bytes | None:
+    """The model's text with the changes, or None where it does not hold every element by name."""
+    text = path.read_bytes()
+    try:
+        elements = _elements(text)
+    except xml.parsers.expat.ExpatError:
+        return None
+    root = elements[0]
+    if root.tag != "mujoco" or any(e.tag in ("include", "attach", "replicate") for e in elements):
+        return None
+    degrees = bool(load_spec(path).compiler.degree)
+    edits: dict[int, _Edit] = {}
+    for change in changes:
+        if change.element == "option":
+            element = next((e for e in elements if e.tag == "option" and len(e.path) == 1), None)
+            where = root if element is None else element
+            edit = edits.setdefault(where.start, _Edit())
+            if element is None:
+                edit.behind += f'\n  <option {change.attribute}="{_text(change.value)}"/>'
+            else:
+                edit.attributes[change.attribute] = _text(change.value)
+            continue
+        element = _find(elements, change)
+        if element is None:
+            return None
+        if change.attribute in _INERTIAL:
+            target = element if element.inertial is None else element.inertial
+            edit = edits.setdefault(target.start, _Edit())
+            numbers = _inertial(nominal, change.index, [c for c in changes if _same(c, change)])
+            if element.inertial is None:
+                edit.behind = "\n<inertial " + " ".join(f'{k}="{v}"' for k, v in numbers.items()) + "/>"
+            else:
+                edit.attributes |= {**numbers, "fullinertia": None}
+            continue
+        _edit_element(edits.setdefault(element.start, _Edit()), element, change, nominal, changes, degrees)
+    for start in sorted(edits, reverse=True):
+        changed = _rewritten(text, start, edits[start])
+        if changed is None:
+            return None
+        text = changed
+    return text
+
+
+def _same(a: Change, b: Change) -> bool:
+    return (a.element, a.index) == (b.element, b.index)
+
+
+def _inertial(model: mujoco.MjModel, body: int, changes: Sequence[Change]) -> dict[str, str]:
+    """Attributes of an `inertial` that says all of a body's mass and where it lies."""
+    new = {c.attribute: c.value for c in changes}
+    return {
+        "pos": _text(new.get("ipos", tuple(model.body_ipos[body]))),
+        "quat": _text(tuple(model.body_iquat[body])),
+        "mass": _text(new.get("mass", (float(model.body_mass[body]),))),
+        "diaginertia": _text(new.get("inertia", tuple(model.body_inertia[body]))),
+    }
+
+
+def _edit_element(
+    edit: _Edit,
+    element: _Element,
+    change: Change,
+    nominal: mujoco.MjModel,
+    changes: Sequence[Change],
+    degrees: bool,
+) -> None:
+    if change.attribute in ("gainprm", "biasprm"):
+        _edit_gains(edit, element, change, nominal, changes)
+        return
+    values: Sequence[float] = change.value
+    if degrees and change.attribute in _ANGLES and change.element == "joint" and change.unit == "rad":
+        values = np.degrees(values).tolist()
+    if change.attribute in ("priority", "limited"):
+        edit.attributes[change.attribute] = str(int(values[0])) if change.attribute == "priority" else _word(values[0])
+        return
+    edit.attributes[change.attribute] = _text(values)
+    if change.attribute == "range":
+        edit.attributes["limited"] = "true"
+    if change.attribute == "forcerange":
+        edit.attributes["forcelimited"] = "true"
+    if change.attribute == "delay":
+        # Between two time steps a delay is interpolated; by itself MuJoCo rounds it up to the next one.
+        edit.attributes |= {"nsample": str(_samples(nominal, change.value[0])), "interp": "linear"}
+    if change.attribute in ("pos", "quat") and "fromto" not in element.attributes:
+        for other in ("euler", "axisangle", "xyaxes", "zaxis") if change.attribute == "quat" else ():
+            edit.attributes[other] = None
+
+
+def _samples(model: mujoco.MjModel, delay: float) -> int:
+    """Length of the buffer of a delay [s]; long enough for a time step a quarter as long, too."""
+    return int(np.ceil(4.0 * delay / model.opt.timestep)) + 2
+
+
+def _word(value: float) -> str:
+    return "true" if value else "false"
+
+
+def _edit_gains(
+    edit: _Edit, element: _Element, change: Change, nominal: mujoco.MjModel, changes: Sequence[Change]
+) -> None:
+    """Gains of an actuator: by kp and kv where it is a `position` that still is one, else as a `general`."""
+    new = {c.attribute: c.value for c in changes if _same(c, change)}
+    gain = new.get("gainprm", tuple(nominal.actuator_gainprm[change.index, :3]))
+    bias = new.get("biasprm", tuple(nominal.actuator_biasprm[change.index, :3]))
+    plain = gain[1:] == (0.0, 0.0) and bias[0] == 0.0
+    if element.tag == "position" and plain and np.isclose(gain[0], -bias[1], rtol=1e-9):
+        edit.attributes |= {"kp": _text(gain[:1]), "kv": _text([-bias[2]]), "dampratio": None}
+    elif element.tag == "velocity" and plain and bias[1] == 0.0 and np.isclose(gain[0], -bias[2], rtol=1e-9):
+        edit.attributes |= {"kv": _text(gain[:1])}
+    else:
+        edit.tag = "general"
+        edit.attributes |= {"gaintype": "fixed", "gainprm": _text(gain), "kp": None, "kv": None, "dampratio": None}
+        if any(bias):
+            edit.attributes |= {"biastype": "affine", "biasprm": _text(bias)}
+
+
+def _rewritten(text: bytes, start: int, edit: _Edit) -> bytes | None:
+    match = _TAG.match(text, start)
+    if match is None or (edit.behind and match[3]):
+        return None
+    body = match[2].decode()
+    for name, value in edit.attributes.items():
+        pattern = re.compile(_ATTRIBUTE.format(name=re.escape(name)))
+        if value is None:
+            body = pattern.sub("", body)
+        elif pattern.search(body):
+            body = pattern.sub(f' {name}="{value}"', body)
+        else:
+            body += f' {name}="{value}"'
+    tag = edit.tag or match[1].decode()
+    new = f"<{tag}{body}{match[3].decode()}>{edit.behind}".encode()
+    old_tag = match[1].decode()
+    rest = text[match.end() :]
+    if edit.tag and edit.tag != old_tag and not match[3]:
+        # An element with children ends with its own name.
+        end = rest.find(f"</{old_tag}".encode())
+        rest = rest[:end] + f"</{edit.tag}".encode() + rest[end + len(old_tag) + 2 :]
+    return text[:start] + new + rest
+
+
+# --- MuJoCo's own writing
+
+
+def _set_in_spec(spec: mujoco.MjSpec, nominal: mujoco.MjModel, change: Change) -> None:
+    if change.element == "option":
+        value = change.value if len(change.value) > 1 else change.value[0]
+        setattr(spec.option, change.attribute, value)
+        return
+    lists = {
+        "joint": spec.joints,
+        "tendon": spec.tendons,
+        "actuator": spec.actuators,
+        "body": spec.bodies,
+        "geom": spec.geoms,
+    }
+    element: Any = next(e for e in lists[change.element] if e.id == change.index)
+    values: Any = list(change.value)
+    if change.attribute in ("gainprm", "biasprm"):
+        getattr(element, change.attribute)[: len(values)] = values
+        element.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+        if any(nominal.actuator_biasprm[change.index]) or change.attribute == "biasprm":
+            element.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        return
+    if change.element == "body":
+        element.explicitinertial = True
+        body = change.index
+        if not element.mass:
+            element.mass, element.ipos = float(nominal.body_mass[body]), nominal.body_ipos[body]
+        element.fullinertia = [np.nan] * 6
+        element.iquat = nominal.body_iquat[body]
+        if change.attribute != "inertia" and not np.any(element.inertia):
+            element.inertia = nominal.body_inertia[body]
+    if change.attribute in _ANGLES and change.element == "joint" and change.unit == "rad" and spec.compiler.degree:
+        values = np.degrees(values).tolist()
+    if change.attribute == "range":
+        element.limited = 1
+    if change.attribute == "forcerange":
+        element.forcelimited = 1
+    if change.attribute == "delay":
+        element.nsample, element.interp = _samples(nominal, change.value[0]), 1
+    name = _SPEC_NAMES.get(change.attribute, change.attribute)
+    if change.attribute in ("priority", "limited"):
+        values = [int(values[0])]
+    current = np.array(getattr(element, name))
+    if current.ndim and len(values) < len(current):
+        # Damping and stiffness have terms of higher order behind the linear one.
+        values = [*values, *current[len(values) :]]
+    setattr(element, name, values if current.ndim else values[0])

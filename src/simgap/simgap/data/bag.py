@@ -1,0 +1,352 @@
+"""Bags of ROS 2 (and ROS 1) as columns of numbers, without ROS: `.mcap`, `.db3`, `.bag`, compressed or not.
+
+A message is read by the definition that the bag holds of it, so that a message of nobody else's is read too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.data.errors import GapInputError, nearest
+from simgap.data.mapping import BAG_TIME, ChannelRow, Map
+from simgap.data.plant import euler_angles
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+BAGS = (".mcap", ".db3", ".bag", ".zstd", ".zst")
+_CLOCKS_APART = 0.05
+"""[s] A recorder gets a message later than this after its stamp, or before it, only where clocks differ."""
+_NAMES = ("name", "joint_names", "names", "interface_names")
+"""Fields that name the elements of the arrays beside them."""
+_EULER = ("roll", "pitch", "yaw")
+
+
+@dataclass(frozen=True)
+class Topic:
+    """What a bag holds of one topic: message type, number of messages, and the fields of its first one.
+
+    ``fields`` are the paths that a map may name, each with the names of its elements, their number, or None of one
+    number.
+    """
+
+    name: str
+    type: str
+    count: int
+    fields: dict[str, list[str] | int | None] = field(default_factory=dict)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a bag: a file by its ending, or a folder with a metadata.yaml or one such file."""
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file() or len(_files(path)) == 1
+    return path.suffix.lower() in BAGS
+
+
+def read_bag(path: Path, mapping: Map) -> tuple[dict[str, Array], list[str]]:
+    """The channels that a map names, on the stamps of all of them together; NaN where a channel has no sample.
+
+    Time is the messages' own stamps where all have one, else when they were received (see `TimeRow.clock`). The points
+    of a trajectory are samples at the times that they are for; a newer trajectory replaces what lies ahead of an older.
+
+    Returns:
+        (columns, among them BAG_TIME [s] from the first stamp on; warnings)
+
+    Raises:
+        GapInputError: the bag cannot be read, or lacks a topic, a field, an element or a stamp that the map names.
+    """
+    rows = mapping.channels
+    if not mapping.of_bag:
+        raise GapInputError(f"{mapping.source}: {path} is a bag, whose rows name topic and field instead of column")
+    warnings: list[str] = []
+    with _open(path) as reader:
+        found = {c.topic: c for c in reader.connections}
+        for place, row in rows.items():
+            if row.topic not in found:
+                raise GapInputError(
+                    f"{path}: {place}: no topic {row.topic!r}; {nearest(str(row.topic), found, 'topic')}"
+                )
+        series = {place: _Series(row, f"{path}: {place} ({row.column})") for place, row in rows.items()}
+        received: dict[str, list[int]] = {str(row.topic): [] for row in rows.values()}
+        stamped: dict[str, list[int]] = {topic: [] for topic in received}
+        for connection, log_time, raw in reader.messages([c for c in reader.connections if c.topic in received]):
+            message = _decode(reader, raw, connection.msgtype, path)
+            received[connection.topic].append(log_time)
+            stamped[connection.topic].append(_stamp(message))
+            for one in series.values():
+                if one.row.topic == connection.topic:
+                    one.take(message)
+    for topic, times in received.items():
+        if not times:
+            raise GapInputError(f"{path}: topic {topic!r} holds no messages")
+    clocks = _clock(mapping, received, stamped, path, warnings)
+    samples = {place: one.samples(np.array(clocks[str(one.row.topic)])) for place, one in series.items()}
+    grid: Ints = np.unique(np.concatenate([stamps for stamps, _ in samples.values()]))
+    columns = {BAG_TIME: (grid - grid[0]) / 1e9}
+    for place, (stamps, values) in samples.items():
+        column = np.full(len(grid), np.nan)
+        column[np.searchsorted(grid, stamps)] = values
+        columns[rows[place].column] = column
+    return columns, warnings
+
+
+def topics(path: Path) -> list[Topic]:
+    """What a bag holds, topic by topic.
+
+    Raises:
+        GapInputError: the bag cannot be read.
+    """
+    with _open(path) as reader:
+        counts = {name: info.msgcount for name, info in reader.topics.items()}
+        first: dict[str, Topic] = {}
+        for connection, _, raw in reader.messages():
+            if connection.topic not in first:
+                message = _decode(reader, raw, connection.msgtype, path)
+                first[connection.topic] = Topic(
+                    connection.topic, connection.msgtype, counts[connection.topic], _fields(message)
+                )
+                if len(first) == len(counts):
+                    break
+    return [first[name] for name in sorted(first)]
+
+
+def _files(folder: Path) -> list[Path]:
+    return [file for file in sorted(folder.iterdir()) if file.suffix.lower() in BAGS]
+
+
+@contextlib.contextmanager
+def _open(path: Path) -> Iterator[AnyReader]:
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise GapInputError(f"{path}: bags need one package more: pip install 'simgap[bags]'") from error
+    if not path.exists():
+        raise GapInputError(f"{path}: no such recording")
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        (path,) = _files(path)
+    elif path.is_file() and (path.parent / "metadata.yaml").is_file() and _files(path.parent) == [path]:
+        # How its messages are compressed stands there alone.
+        path = path.parent
+    try:
+        # Bags of ROS 2 before Iron hold no definitions: those of the messages that everybody has stand in for them.
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            yield reader
+    except GapInputError:
+        raise
+    except AnyReaderError as error:
+        raise GapInputError(_unreadable(path, error)) from error
+    except Exception as error:
+        # A damaged bag makes its reader, its decompressor or its database raise whatever they run into.
+        raise GapInputError(_unreadable(path, error)) from error
+
+
+def _unreadable(path: Path, error: Exception) -> str:
+    reason = " ".join(str(error).split())[:160] or type(error).__name__
+    return (
+        f"{path}: cannot read the bag ({reason}); if it was cut off while it was recorded, `mcap recover` or "
+        "`ros2 bag reindex` mends it"
+    )
+
+
+def _decode(reader: AnyReader, raw: bytes, kind: str, path: Path) -> Any:
+    try:
+        return reader.deserialize(raw, kind)
+    except Exception as error:
+        raise GapInputError(
+            f"{path}: a message of type {kind} cannot be decoded ({' '.join(str(error).split())[:120]}); "
+            "the bag holds no definition of it, or is damaged"
+        ) from error
+
+
+def _stamp(message: Any) -> int:
+    """Stamp of a message's header [ns], 0 where there is none."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    return 0 if stamp is None else int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def _clock(
+    mapping: Map,
+    received: dict[str, list[int]],
+    stamped: dict[str, list[int]],
+    path: Path,
+    warnings: list[str],
+) -> dict[str, list[int]]:
+    """Times [ns] of each topic's messages by the clock that the map asks for, or the best that all topics have."""
+    bare = sorted(topic for topic, times in stamped.items() if not all(times))
+    if mapping.time.clock == "header" and bare:
+        raise GapInputError(f"{path}: time.clock: messages of {bare[0]} have no stamp; the clock can only be received")
+    if mapping.time.clock == "received" or bare:
+        if bare and len(bare) < len(stamped) and mapping.time.clock is None:
+            warnings.append(
+                f"messages of {', '.join(bare)} have no stamp, so that all topics are timed by when they were received"
+            )
+        return received
+    late = {t: float(np.median(np.subtract(received[t], stamped[t]))) / 1e9 for t in stamped}
+    if len(late) > 1 and max(late.values()) - min(late.values()) > _CLOCKS_APART:
+        first, last = min(late, key=late.__getitem__), max(late, key=late.__getitem__)
+        warnings.append(
+            f"stamps of {last} are {late[last] - late[first]:.3g} s older when received than those of {first}: "
+            "two clocks, or a slow way; `time: {clock: received}` uses the recorder's"
+        )
+    return stamped
+
+
+class _Series:
+    """One channel as it is read: a value, or the points of a trajectory, for each message."""
+
+    def __init__(self, row: ChannelRow, where: str) -> None:
+        self.row, self._where = row, where
+        self._component = getattr(row, "component", None)
+        self._values: list[list[tuple[int, float]]] = []
+        """For each message, (ns after its stamp, value)."""
+        self._parts = [self._part(text) for text in str(row.field).split(".")]
+
+    def take(self, message: Any) -> None:
+        """Read the channel from its next message."""
+        self._values.append(self._walk(message, 0, message, 0))
+
+    def samples(self, times: Ints) -> tuple[Ints, Array]:
+        """(stamps [ns], ascending and each once; values) where the messages' own times are ``times``."""
+        order = np.argsort(times, kind="stable")
+        stamps: list[int] = []
+        values: list[float] = []
+        for i in order:
+            points = [(int(times[i]) + after, value) for after, value in self._values[i] if np.isfinite(value)]
+            # What an older trajectory still had ahead, this message replaces.
+            while stamps and points and stamps[-1] >= points[0][0]:
+                stamps.pop()
+                values.pop()
+            for at, value in sorted(points):
+                if not stamps or at > stamps[-1]:
+                    stamps.append(at)
+                    values.append(value)
+        if not stamps:
+            raise GapInputError(f"{self._where}: no message holds a finite number there")
+        return np.array(stamps, np.int64), np.array(values)
+
+    def _part(self, text: str) -> tuple[str, int | None]:
+        match = re.fullmatch(r"(\w+)(?:\[(\d+)\])?", text)
+        if match is None:
+            raise GapInputError(f"{self._where}: field: {text!r} is no name of a field, such as position or points[0]")
+        return match[1], None if match[2] is None else int(match[2])
+
+    def _walk(self, at: Any, depth: int, parent: Any, after: int) -> list[tuple[int, float]]:
+        """(ns after the message's stamp, value) of all that the path leads to from ``at``, its ``depth`` parts done."""
+        if depth == len(self._parts):
+            value = self._number(at, parent)
+            return [(after, value)]
+        name, index = self._parts[depth]
+        names = _message_fields(at)
+        if name not in names:
+            raise GapInputError(f"{self._where}: the message has no field {name!r}; {nearest(name, names, 'field')}")
+        inner = getattr(at, name)
+        if index is not None:
+            if not hasattr(inner, "__len__") or index >= len(inner):
+                raise GapInputError(f"{self._where}: field {name!r} has no element {index}")
+            inner = inner[index]
+        holder = at if _names_of(at) is not None else parent
+        if isinstance(inner, list | tuple) and inner and _message_fields(inner[0]):
+            if not hasattr(inner[0], "time_from_start"):
+                raise GapInputError(f"{self._where}: field {name!r} is a list of messages; say which, as in {name}[0]")
+            found = []
+            for point in inner:
+                found += self._walk(point, depth + 1, holder, after + _duration(point.time_from_start))
+            return found
+        if isinstance(inner, list | tuple) and not inner and depth + 1 < len(self._parts):
+            return []
+        return self._walk(inner, depth + 1, holder, after)
+
+    def _number(self, value: Any, holder: Any) -> float:
+        """The number that the row means of what its field holds."""
+        element = self.row.element
+        if isinstance(value, bool | int | float | np.number | np.bool_):
+            return float(value)
+        if _message_fields(value):
+            return self._component_of(value)
+        if isinstance(value, str) or not hasattr(value, "__len__"):
+            raise GapInputError(f"{self._where}: the field holds {type(value).__name__}, not numbers")
+        names = _names_of(holder)
+        if isinstance(element, str) and names is not None:
+            if element not in names:
+                if not self._values and len(names) == len(value):
+                    raise GapInputError(
+                        f"{self._where}: the first message has no {element!r}; {nearest(element, names, 'name')} "
+                        "(`named` says what the message calls it)"
+                    )
+                return np.nan
+            position = names.index(element)
+            return float(value[position]) if position < len(value) else np.nan
+        if isinstance(element, int):
+            if element >= len(value):
+                raise GapInputError(f"{self._where}: index {element} is beyond the {len(value)} elements of the field")
+            return float(value[element])
+        if len(value) == 1 and element is None:
+            return float(value[0])
+        hint = f"named: one of {', '.join(names[:12])}" if names else f"index: 0 to {len(value) - 1}"
+        raise GapInputError(f"{self._where}: the field is an array of {len(value)}; say which element ({hint})")
+
+    def _component_of(self, value: Any) -> float:
+        names = _message_fields(value)
+        if self._component in names:
+            return float(getattr(value, self._component))
+        if self._component in _EULER and {"w", "x", "y", "z"} <= set(names):
+            angles = euler_angles(np.array([value.w, value.x, value.y, value.z]))
+            return float(angles[_EULER.index(self._component)])
+        raise GapInputError(
+            f"{self._where}: the field is a message with {', '.join(names)}; name one of them, "
+            f"as in {self.row.field}.{names[0]}"
+        )
+
+
+def _message_fields(value: Any) -> list[str]:
+    """Names of a message's fields, none of what is no message."""
+    if not dataclasses.is_dataclass(value):
+        return []
+    return [f.name for f in dataclasses.fields(value) if not f.name.startswith("__")]
+
+
+def _names_of(message: Any) -> list[str] | None:
+    """Names of the elements of a message's arrays, where it says them."""
+    for name in _NAMES:
+        names = getattr(message, name, None)
+        if isinstance(names, list | tuple) and names and all(isinstance(n, str) for n in names):
+            return list(names)
+    return None
+
+
+def _duration(value: Any) -> int:
+    """A duration [ns]."""
+    return int(value.sec) * 10**9 + int(value.nanosec)
+
+
+def _fields(message: Any, prefix: str = "", names: Sequence[str] | None = None) -> dict[str, list[str] | int | None]:
+    """Paths of all numbers of a message; see `Topic.fields`."""
+    found: dict[str, list[str] | int | None] = {}
+    names = _names_of(message) or names
+    for name in _message_fields(message):
+        value, path = getattr(message, name), f"{prefix}{name}"
+        if name in ("header", "time_from_start") or isinstance(value, str):
+            continue
+        if isinstance(value, bool | int | float | np.number | np.bool_):
+            found[path] = None
+        elif _message_fields(value):
+            found |= _fields(value, f"{path}.", names)
+        elif isinstance(value, list | tuple) and value and _message_fields(value[0]):
+            timed = hasattr(value[0], "time_from_start")
+            found |= _fields(value[0], f"{path}." if timed else f"{path}[0].", names)
+        elif hasattr(value, "__len__") and len(value) and not isinstance(value[0], str):
+            found[path] = list(names) if names is not None and len(names) == len(value) else len(value)
+    return found

@@ -1,0 +1,191 @@
+"""Tables as recordings: CSV, NPZ and Parquet, and the folders of LeRobot that hold Parquet."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.data.errors import GapInputError
+
+Array = NDArray[np.float64]
+
+TABLES = (".csv", ".npz", ".parquet")
+_WORDS = {"": np.nan, "nan": np.nan, "true": 1.0, "false": 0.0}
+"""Cells of a CSV that are numbers too."""
+
+
+def load_table(path: str | Path) -> dict[str, Array]:
+    """Read a CSV, NPZ or Parquet file, or a folder of LeRobot, into columns of float64; an empty cell becomes NaN.
+
+    A column of arrays becomes one column for each element, `action[0]`; of LeRobot's, whose `meta/info.json` names the
+    elements, `action[elbow.pos]`.
+
+    Raises:
+        GapInputError: missing, unreadable, of another type, or nothing in it is a number.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return _load_folder(path)
+    if not path.is_file():
+        raise GapInputError(f"{path}: no such recording")
+    try:
+        match path.suffix.lower():
+            case ".csv":
+                return _check_columns(_read_csv(path), path)
+            case ".parquet":
+                return _check_columns(_read_parquet(path), path, _lerobot_names(path.parent))
+            case ".npz":
+                with np.load(path, allow_pickle=False) as archive:
+                    return _check_columns({name: np.asarray(archive[name]) for name in archive.files}, path)
+            case other:
+                raise GapInputError(
+                    f"{path}: a recording is a table (.csv, .npz, .parquet) or a bag (.mcap, .db3), "
+                    f"not {other or 'a file without extension'}"
+                )
+    except (OSError, ValueError) as error:
+        if isinstance(error, GapInputError):
+            raise
+        reason = " ".join(str(error).split())[:200]
+        if "pickle" in reason.lower():
+            raise GapInputError(
+                f"{path}: holds Python objects (a pickle), which are not read because they can run code; "
+                "save plain arrays of numbers with numpy.savez"
+            ) from error
+        raise GapInputError(f"{path}: cannot read the table ({reason})") from error
+    except Exception as error:
+        # What Python's zip reader raises on a damaged archive has no common base.
+        raise GapInputError(f"{path}: cannot read the table ({type(error).__name__}: {error})") from error
+
+
+def _load_folder(path: Path) -> dict[str, Array]:
+    """All tables of a LeRobot dataset, one after the other; its `episode_index` tells the runs apart."""
+    files = sorted(path.glob("data/**/*.parquet")) if (path / "meta" / "info.json").is_file() else []
+    if not files:
+        raise GapInputError(
+            f"{path}: is neither a bag (a folder with metadata.yaml) nor a LeRobot dataset (meta/info.json and data/)"
+        )
+    tables = [load_table(file) for file in files]
+    shared = [name for name in tables[0] if all(name in t for t in tables)]
+    return {name: np.concatenate([t[name] for t in tables]) for name in shared}
+
+
+def _lerobot_names(folder: Path) -> dict[str, list[str]]:
+    """Names of the elements of each feature, where the file belongs to a LeRobot dataset."""
+    for above in (folder, *folder.absolute().parents):
+        try:
+            features = json.loads((above / "meta" / "info.json").read_text(encoding="utf-8"))["features"]
+            return {name: names for name, f in features.items() if (names := _flat(f.get("names")))}
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            continue
+    return {}
+
+
+def _flat(names: Any) -> list[str]:
+    """Names as a list; some versions write {"motors": [...]}."""
+    if isinstance(names, dict):
+        names = next((v for v in names.values() if isinstance(v, list)), list(names))
+    return [str(n) for n in names] if isinstance(names, list) else []
+
+
+def _read_csv(path: Path) -> dict[str, NDArray[Any]]:
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        sample = file.read(4096)
+        file.seek(0)
+        first = sample.split("\n", 1)[0]
+        rows = csv.reader(file, delimiter=next((d for d in ",;\t" if d in first), ","))
+        header = [name.strip() for name in next(rows, [])]
+        cells = [row for row in rows if row]
+    if len(set(header)) < len(header):
+        twice = next(name for name in header if header.count(name) > 1)
+        raise GapInputError(f"{path}: the header names column {twice!r} twice")
+    wrong = next((i for i, row in enumerate(cells) if len(row) != len(header)), None)
+    if wrong is not None:
+        raise GapInputError(
+            f"{path}: row {wrong + 2} has {len(cells[wrong])} cells where the header has {len(header)}; "
+            "was the file cut off while it was written?"
+        )
+    return {name: _numbers([row[i] for row in cells], f"{path}: column {name!r}") for i, name in enumerate(header)}
+
+
+def _numbers(cells: list[str], where: str) -> NDArray[Any]:
+    """Cells as float64, or as they are where most are words."""
+    try:
+        return np.array(cells, dtype=np.float64)
+    except ValueError:
+        values = [_number(cell) for cell in cells]
+    wrong = [i for i, value in enumerate(values) if value is None]
+    if len(wrong) > 0.5 * len(cells):
+        return np.array(cells)
+    if wrong:
+        raise GapInputError(
+            f"{where}: row {wrong[0] + 2} holds {cells[wrong[0]]!r}, which is no number; leave the cell empty where "
+            "nothing was measured"
+        )
+    return np.array(values, dtype=np.float64)
+
+
+def _number(cell: str) -> float | None:
+    word = cell.strip().lower()
+    try:
+        return _WORDS[word] if word in _WORDS else float(word)
+    except ValueError:
+        return None
+
+
+def _read_parquet(path: Path) -> dict[str, NDArray[Any]]:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as error:
+        raise GapInputError(f"{path}: Parquet needs one package more: pip install 'simgap[parquet]'") from error
+    try:
+        table = pyarrow.parquet.read_table(path, partitioning=None)
+    except pyarrow.ArrowException as error:
+        raise ValueError(str(error)) from error
+    return {name: _parquet_column(table.column(name)) for name in table.column_names}
+
+
+def _parquet_column(column: Any) -> NDArray[Any]:
+    values = column.to_numpy(zero_copy_only=False)
+    if values.dtype != object or not len(values):
+        return np.asarray(values)
+    if all(isinstance(v, bool | None) for v in values):
+        return np.array([np.nan if v is None else float(v) for v in values])
+    if all(isinstance(v, np.ndarray) for v in values) and len({v.shape for v in values}) == 1:
+        return np.stack(values)
+    return np.asarray(values)
+
+
+def _check_columns(
+    columns: dict[str, NDArray[Any]], path: Path, names: dict[str, list[str]] | None = None
+) -> dict[str, Array]:
+    """Columns of numbers, each of one dimension.
+
+    ``names`` are those of the elements of a column of arrays.
+    """
+    checked: dict[str, Array] = {}
+    for name, values in columns.items():
+        if values.dtype.kind not in "biuf":
+            continue
+        if values.ndim == 1:
+            checked[name.strip()] = values.astype(np.float64)
+        elif values.ndim == 2:
+            said = (names or {}).get(name, [])
+            elements: Iterable[object] = said if len(said) == values.shape[1] else range(values.shape[1])
+            checked |= {f"{name}[{e}]": values[:, i].astype(np.float64) for i, e in enumerate(elements)}
+        elif values.ndim == 0:
+            continue
+        else:
+            raise GapInputError(f"{path}: column {name!r} has {values.ndim} dimensions, must have one or two")
+    lengths = {len(v) for v in checked.values()}
+    if not lengths or lengths == {0}:
+        raise GapInputError(f"{path}: the table holds no numbers")
+    if len(lengths) > 1:
+        raise GapInputError(f"{path}: the columns differ in length ({', '.join(map(str, sorted(lengths)))} rows)")
+    return checked

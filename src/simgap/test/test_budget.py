@@ -1,0 +1,36 @@
+"""A diagnosis that has to end in time gives the best answer so far, and says what was not looked at."""
+
+from __future__ import annotations
+
+import pytest
+from robots import plant_of, simulate
+from test_diagnose import SOME, _own_coulomb
+
+from simgap.analysis.diagnose import Diagnosis, Options, diagnose
+from simgap.data.recording import recording_from_table
+from simgap.inference import budget
+
+
+def _in_time(seconds: float) -> Diagnosis:
+    plant, table = plant_of("pendulum"), simulate("pendulum", 10.0, change=_own_coulomb)
+    options = Options(only=SOME, threads=1, budget=seconds)
+    return diagnose([recording_from_table(table, plant)], plant, options)
+
+
+def test_without_any_time_the_report_is_whole_and_says_so() -> None:
+    report = _in_time(1e-6).report
+    (warning,) = [w for w in report["warnings"] if "budget" in w]
+    assert "1e-06 s" in warning and "not every effect was screened" in warning and "next experiment" in warning
+    assert report["effects"] == [] and report["next_experiment"] is None and report["waterfall"]
+    assert report["verdict"] == "unknown", "a large gap is no case of no gap because nobody looked"
+
+
+def test_the_best_so_far_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    reached: list[str] = []
+    monkeypatch.setattr(budget.Budget, "spent", lambda self, share=1.0: "finals" in reached and share < 1.0)
+    watch = budget.Budget.watch
+    monkeypatch.setattr(budget.Budget, "watch", lambda self, _: watch(self, lambda name, _: reached.append(name)))
+    report = _in_time(60.0).report
+    assert [e["name"] for e in report["effects"]] == ["coulomb_friction"]
+    assert report["effects"][0]["parameters"]["friction"]["value"] == pytest.approx(0.1, abs=0.02)
+    assert any("roughly" in w for w in report["warnings"])
