@@ -191,10 +191,10 @@ def map_command(
 
     with refusals():
         from simgap.data.errors import GapInputError
-        from simgap.data.plant import load_spec
+        from simgap.data.plant import load_model
         from simgap.preparation.guess import guess_map
 
-        guess = guess_map(recording, load_spec(model).compile(), None if yes else ask)
+        guess = guess_map(recording, load_model(model), None if yes else ask)
         try:
             out.parent.mkdir(parents=True, exist_ok=True)
             out.write_text(guess.text(recording.name), encoding="utf-8")

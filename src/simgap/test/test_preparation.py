@@ -135,6 +135,13 @@ def test_map_never_asks_with_yes(tmp_path: Path) -> None:
     load_map(tmp_path / "map.yaml")
 
 
+def test_a_model_that_lacks_its_meshes_is_named(tmp_path: Path) -> None:
+    mesh = '<asset><mesh name="m" file="gone.stl"/></asset><worldbody><geom type="mesh" mesh="m"/></worldbody>'
+    (tmp_path / "arm.xml").write_text(f"<mujoco>{mesh}</mujoco>")
+    answer = CliRunner().invoke(app, ["map", "log.npz", "--model", str(tmp_path / "arm.xml")])
+    assert answer.exit_code == 2 and "arm.xml: MuJoCo cannot compile" in answer.stderr and "gone.stl" in answer.stderr
+
+
 # --- check
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -62,7 +62,10 @@ class _Column:
     values: Array
     command: bool = False
     quantity: str = ""
+    full: tuple[str, ...] = ()
+    """Words of its name that say no role: the joint's, as the recording calls it."""
     key: tuple[str, ...] = ()
+    """Of these, without those that any joint may have."""
 
 
 @dataclass
@@ -74,6 +77,7 @@ class Guess:
         gains: actuator -> {kp, kd}; None where nobody knows.
         unused: (name, why) of what the map leaves out.
         open: what the user has to look at.
+        used: names of the columns that are in the map.
     """
 
     time: dict[str, Any] | None = None
@@ -85,6 +89,7 @@ class Guess:
     enabled: dict[str, Any] | None = None
     unused: list[tuple[str, str]] = field(default_factory=list)
     open: list[str] = field(default_factory=list)
+    used: set[str] = field(default_factory=set)
 
     def text(self, source: str) -> str:
         """The map as YAML with comments."""
@@ -130,21 +135,14 @@ def guess_map(recording: Path, model: mujoco.MjModel, ask: Ask | None = None) ->
     places = _match(columns, model, joints)
     _outputs(columns, places, model, joints, guess)
     _inputs(columns, places, model, joints, guess, ask)
-    used = {row.get("column") or str(row) for row, _ in [*guess.inputs, *guess.outputs]}
     for column in columns:
-        if (column.row.get("column") or str(column.row)) not in used and not any(
-            all(row.get(k) == v for k, v in column.row.items()) for row, _ in [*guess.inputs, *guess.outputs]
-        ):
-            guess.unused.append(
-                (
-                    column.name,
-                    "nothing says what it measures"
-                    if not (column.command or column.quantity)
-                    else "names no joint or actuator"
-                    if column.name not in places
-                    else "not needed",
-                )
-            )
+        if column.name in guess.used:
+            continue
+        if not (column.command or column.quantity):
+            why = "nothing says what it measures"
+        else:
+            why = "not needed" if column.name in places else "names no joint or actuator"
+        guess.unused.append((column.name, why))
     if not guess.inputs or not guess.outputs:
         what = "input (a command or a torque)" if not guess.inputs else "output (a position or a rate)"
         raise GapInputError(
@@ -222,36 +220,46 @@ def _read_words(column: _Column) -> None:
             column.quantity = quantity
     if not column.quantity and {"observation", "states", "state"} & set(column.words):
         column.quantity = "position"
-    known = _COMMAND | _GENERIC | set().union(*_QUANTITIES.values())
-    column.key = tuple(w for w in column.words if w not in known)
+    role = _COMMAND | set().union(*_QUANTITIES.values())
+    # Of a message that names its elements, the topic says nothing about which one it is.
+    words = _words(column.row["named"]) if "named" in column.row else column.words
+    column.full = tuple(w for w in words if w not in role)
+    column.key = _bare(column.full)
 
 
 def _match(columns: Sequence[_Column], model: mujoco.MjModel, joints: Sequence[int]) -> dict[str, int]:
     """Column name -> joint, from the words that are left."""
-    names = model_names(model, Obj.mjOBJ_JOINT)
-    keys = {j: {tuple(w for w in _words(names[j]) if w not in _GENERIC)} for j in joints}
-    for a, name in enumerate(model_names(model, Obj.mjOBJ_ACTUATOR)):
-        joint = _joint_of(model, a)
-        if joint in keys:
-            keys[joint].add(tuple(w for w in _words(name) if w not in _GENERIC))
+    names, driven = model_names(model, Obj.mjOBJ_JOINT), model_names(model, Obj.mjOBJ_ACTUATOR)
+    own = {j: _words(names[j]) for j in joints}
+    told = {_joint_of(model, a): _words(name) for a, name in enumerate(driven) if _joint_of(model, a) in own}
     candidates = [c for c in columns if c.command or c.quantity]
     numbers = {int(c.key[-1]) for c in candidates if c.key and c.key[-1].isdigit()}
     first = 0 if 0 in numbers else 1
     places: dict[str, int] = {}
     for column in candidates:
-        same = [j for j, known in keys.items() if column.key in known]
-        part = [j for j, known in keys.items() if any(k and set(k) <= set(column.key) for k in known)]
-        if len(same) == 1:
-            places[column.name] = same[0]
-        elif len(part) == 1:
-            places[column.name] = part[0]
-        elif "index" in column.row and column.row["index"] < len(joints):
-            places[column.name] = joints[column.row["index"]]
-        elif column.key and column.key[-1].isdigit() and 0 <= int(column.key[-1]) - first < len(joints):
-            places[column.name] = joints[int(column.key[-1]) - first]
-        elif not column.key and len(joints) == 1:
-            places[column.name] = joints[0]
+        order = (told, own) if column.command else (own, told)
+        number = int(column.key[-1]) - first if column.key and column.key[-1].isdigit() else column.row.get("index", -1)
+        found = (
+            _only(j for known in (own, told) for j, words in known.items() if column.full == tuple(words))
+            or _only(j for j, words in order[0].items() if column.key == _bare(words))
+            or _only(j for j, words in order[1].items() if column.key == _bare(words))
+            or _only(j for j, words in own.items() if _bare(words) and set(_bare(words)) <= set(column.key))
+            or ([joints[number]] if 0 <= number < len(joints) else [])
+            or (list(joints) if not column.key and len(joints) == 1 else [])
+        )
+        if found:
+            places[column.name] = found[0]
     return places
+
+
+def _only(found: Iterable[int]) -> list[int]:
+    """The one that was found, or none where several were."""
+    several = set(found)
+    return list(several) if len(several) == 1 else []
+
+
+def _bare(words: Sequence[str]) -> tuple[str, ...]:
+    return tuple(w for w in words if w not in _GENERIC)
 
 
 def _joint_of(model: mujoco.MjModel, actuator: int) -> int:
@@ -271,6 +279,7 @@ def _outputs(
         for joint in joints:
             found = [c for c in columns if not c.command and c.quantity == quantity and places.get(c.name) == joint]
             for column in found[:1]:
+                guess.used.add(column.name)
                 unit, why = _unit(column, quantity, joint, model, columns, places)
                 if np.ptp(column.values[np.isfinite(column.values)]) == 0.0:
                     why = "never changes"
@@ -344,6 +353,7 @@ def _inputs(
             if any(r.get("actuator") == actuators[a] and r["kind"] == row["kind"] for r, _ in guess.inputs):
                 continue
             guess.inputs.append((row, why))
+            guess.used.add(column.name)
             told.add(joint)
             if why and "moves with" not in why:
                 guess.open.append(f"{column.name}: {why}")
@@ -357,6 +367,7 @@ def _inputs(
             unit = "N" if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE else "N m"
             row = {**_to_joint(torque, names[joint]), "unit": unit, "joint": names[joint], "kind": "torque"}
             guess.inputs.append(({**row, "measured": not torque.command}, ""))
+            guess.used.add(torque.name)
     if guess.gains and ask is not None:
         answer = ask("kp and kd of the robot's own controller (torque = kp (u - q) - kd dq/dt), as `kp kd`", "")
         numbers = [
