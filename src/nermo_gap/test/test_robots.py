@@ -223,7 +223,8 @@ def test_a_bag_of_the_mouse_reads_alike_through_a_map(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.diff(read.time), np.diff(own["t"]), atol=1e-9)
     for i, servo in enumerate(lite.servos):
         np.testing.assert_allclose(read.inputs[:, i], own[f"{servo}_command"], atol=1e-9)
-        np.testing.assert_allclose(read.outputs[:, i], own[f"{servo}_position"], atol=1e-9)
+        if f"{servo}_position" in own:
+            np.testing.assert_allclose(read.outputs[:, i], own[f"{servo}_position"], atol=1e-9)
 
 
 # A diagnosis
