@@ -81,7 +81,10 @@ def _write_spec(model: Path, nominal: mujoco.MjModel, changes: Sequence[Change],
     spec.compile()
     for change in changes:
         _set_in_spec(spec, nominal, change)
-    spec.compile()
+    try:
+        spec.compile()
+    except ValueError as error:
+        raise GapInputError(f"{out}: MuJoCo refuses the corrected model ({' '.join(str(error).split())})") from error
     _write(out, spec.to_xml().encode())
     return True
 
