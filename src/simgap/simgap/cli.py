@@ -67,13 +67,15 @@ def diagnose_command(
         from simgap.data.plant import build_plant, load_spec
         from simgap.data.recording import load_recording
         from simgap.effects.library import load_effects
+        from simgap.preparation.check import check
 
         extra = tuple(c for path in effects or () for c in load_effects(path))
         plant = build_plant(load_spec(model), load_map(map_))
         with silence() as terminal, progress("align", terminal) as say:
             read = [load_recording(r, plant) for r in recordings]
+            seen = check(read, plant)
             found = diagnose(read, plant, Options(seed, None, extra, {}, baselines, tuple(only or ()), say))
-        found.report["command"] = called(["simgap"], "diagnose")
+        found.report |= {"command": called(["simgap"], "diagnose"), "data": seen.report()}
         written = write_diagnosis(found, out or (None if json_ else Path("diagnosis")), json_)
     print_diagnosis(found, written)
 

@@ -164,6 +164,8 @@ def print_diagnosis(found: Diagnosis, report_file: Path | None = None) -> None:
         console.print(f"next: {proposed['description']} (should tell them apart by {gain:.1f} nats, {odds})")
     for warning in report["warnings"]:
         console.print(f"[yellow]warning:[/yellow] {warning}")
+    for line in report.get("data", {}).get("advice", ()):
+        console.print(f"record: {line}", highlight=False)
     console.print(f"{report['wall_s']:.1f} s")
     if report_file is not None:
         # Not wrapped by the width of the terminal, so that it can be copied.

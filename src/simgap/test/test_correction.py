@@ -383,6 +383,10 @@ def test_the_corrected_model_leaves_nothing_to_find(tmp_path: Path) -> None:
     assert shown.splitlines()[-1] == str(first / "report.html")
     before = json.loads((first / "diagnosis.json").read_text())
     assert {e["name"] for e in before["effects"]} == {"coulomb_friction", "link_latency"}
+    assert before["data"]["verdict"] == "usable" and [j["name"] for j in before["data"]["joints"]] == [
+        "shoulder",
+        "elbow",
+    ]
     shown = run("apply", str(first / "diagnosis.json"), "--model", str(tmp_path / "arm.xml"), "--out", str(new),
                 "--randomise", str(tmp_path / "ranges.yaml"))  # fmt: skip
     assert "frictionloss" in shown and shown.splitlines()[-1] == str(new)
