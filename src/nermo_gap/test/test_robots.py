@@ -24,6 +24,7 @@ from nermo_gap.robots.diagnosis import REPORTING_HORIZON, REPORTING_WARM_UP, dia
 from nermo_gap.robots.live import LiveGap
 from nermo_gap.robots.mcap_table import mcap_table
 from nermo_gap.robots.menu import MouseMenu
+from nermo_gap.robots.model import diagnosis_spec
 from nermo_gap.robots.phases import gait_phases
 from nermo_gap.robots.simulated import simulate
 from nermo_gap.robots.sites import groups, nuisances, worth_a_look
@@ -31,8 +32,10 @@ from nermo_sim.twin import Twin
 from simgap.analysis.diagnose import Options, write_report
 from simgap.data.align import align
 from simgap.data.errors import GapInputError
+from simgap.data.mapping import parse_map
 from simgap.data.noise_floor import noise_floor
-from simgap.data.recording import recording_from_table
+from simgap.data.plant import build_plant
+from simgap.data.recording import load_recording, recording_from_table
 from simgap.effects.base import Context
 from simgap.effects.library import enumerate_effects
 from simgap.inference.fit import Fitter
@@ -204,6 +207,24 @@ def test_a_recording_of_another_robot_is_refused(tmp_path: Path) -> None:
         mcap_table(tmp_path / "walk.mcap", load_robot("nermo"))
     answer = CliRunner().invoke(gap_app, ["diagnose", str(tmp_path / "nothing.mcap")])
     assert answer.exit_code == 2 and "nothing.mcap" in answer.output
+
+
+def test_a_bag_of_the_mouse_reads_alike_through_a_map(tmp_path: Path) -> None:
+    """As `nermo gap diagnose BAG --model --map` reads it: by the messages' definitions in the bag, without ROS."""
+    lite = load_robot("nermo_lite")
+    columns = table("nermo_lite")
+    write_mcap(tmp_path / "walk.mcap", columns, list(lite.servos))
+    topic = {"unit": "rad", "field": "position"}
+    inputs = [{"topic": "/nermo/servo_command", "named": s, "actuator": s, "kind": "position"} for s in lite.servos]
+    outputs = [{"topic": "/nermo/servo_states", "named": s, "sensor": f"{s}_position"} for s in lite.servos]
+    mapping = {"inputs": [i | topic for i in inputs], "outputs": [o | topic for o in outputs]}
+    plant = build_plant(diagnosis_spec(lite), parse_map(mapping))
+    read, own = load_recording(tmp_path / "walk.mcap", plant), mcap_table(tmp_path / "walk.mcap", lite)
+    np.testing.assert_allclose(np.diff(read.time), np.diff(own["t"]), atol=1e-9)
+    for i, servo in enumerate(lite.servos):
+        np.testing.assert_allclose(read.inputs[:, i], own[f"{servo}_command"], atol=1e-9)
+        if f"{servo}_position" in own:
+            np.testing.assert_allclose(read.outputs[:, i], own[f"{servo}_position"], atol=1e-9)
 
 
 # A diagnosis

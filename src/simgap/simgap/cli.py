@@ -68,14 +68,16 @@ def diagnose_command(
         from simgap.data.plant import build_plant, load_spec
         from simgap.data.recording import load_recording
         from simgap.effects.library import load_effects
+        from simgap.preparation.check import check
 
         extra = tuple(c for path in effects or () for c in load_effects(path))
         plant = build_plant(load_spec(model), load_map(map_))
         with silence() as terminal, progress("align", terminal) as say:
             read = [load_recording(r, plant) for r in recordings]
+            seen = check(read, plant)
             options = Options(seed, None, extra, {}, baselines, tuple(only or ()), say, budget=budget)
             found = diagnose(read, plant, options)
-        found.report["command"] = called(["simgap"], "diagnose")
+        found.report |= {"command": called(["simgap"], "diagnose"), "data": seen.report()}
         written = write_diagnosis(found, out or (None if json_ else Path("diagnosis")), json_)
     print_diagnosis(found, written)
 
@@ -140,6 +142,96 @@ def effects_command(
     for row in rows:
         if name in (None, row.name):
             typer.echo(f"{row.name} (at {row.site})\n    {row.sentence}\n    {row.parameters}")
+
+
+@app.command("check")
+def check_command(
+    recordings: Recordings,
+    model: Model,
+    map_: MapFile,
+    json_: Annotated[Path | None, typer.Option("--json", help="File for what was seen.")] = None,
+) -> None:
+    """Look at a recording before it is diagnosed: clock, holes, units, signs, and what its motion can tell by joint.
+
+    \b
+    Example:
+      simgap check log.csv --model robot.xml --map map.yaml
+    """
+    with refusals():
+        from simgap.console import print_check
+        from simgap.data.mapping import load_map
+        from simgap.data.plant import build_plant, load_spec
+        from simgap.data.recording import load_recording
+        from simgap.preparation.check import check
+
+        plant = build_plant(load_spec(model), load_map(map_))
+        with silence():
+            found = check([load_recording(r, plant) for r in recordings], plant)
+        if json_ is not None:
+            from simgap.analysis.diagnose import write_report
+
+            write_report(found.report(), json_)
+    print_check(found)
+    if found.errors:
+        fail(found.errors[0], 2)
+
+
+@app.command("map")
+def map_command(
+    recording: Annotated[Path, typer.Argument(help="A table, a LeRobot dataset or a bag.")],
+    model: Model,
+    out: Annotated[Path, typer.Option(help="The map to write.")] = Path("map.yaml"),
+    yes: Annotated[bool, typer.Option("--yes", help="Never ask; what nobody can know stays open in the file.")] = False,
+) -> None:
+    """Guess which column or topic is which actuator and joint, in which unit, and write it down with comments.
+
+    \b
+    Example:
+      simgap map log.csv --model robot.xml --out map.yaml
+    """
+
+    def ask(question: str, default: str) -> str:
+        return str(typer.prompt(question, default=default, show_default=False, err=True))
+
+    with refusals():
+        from simgap.data.errors import GapInputError
+        from simgap.data.plant import load_model
+        from simgap.preparation.guess import guess_map
+
+        guess = guess_map(recording, load_model(model), None if yes else ask)
+        try:
+            out.parent.mkdir(parents=True, exist_ok=True)
+            out.write_text(guess.text(recording.name), encoding="utf-8")
+        except OSError as error:
+            raise GapInputError(f"{out}: cannot be written ({error.strerror})") from error
+    typer.echo(f"{len(guess.inputs)} inputs, {len(guess.outputs)} outputs, {len(guess.unused)} not used")
+    for doubt in guess.open:
+        typer.echo(f"look at: {doubt}")
+    typer.echo(out)
+
+
+@app.command("example")
+def example_command(
+    out: Annotated[Path, typer.Option(help="Folder for model, map, log and diagnosis.")] = Path("example"),
+    seed: Annotated[int, typer.Option(help="Which fault, and which motion.")] = 0,
+    diagnosed: Annotated[bool, typer.Option("--diagnose/--make-only", help="Also diagnose it, in a minute.")] = True,
+) -> None:
+    """Make the log of a simulated arm with a hidden fault, diagnose it, and say what was hidden.
+
+    \b
+    Example:
+      simgap example
+    """
+    with refusals():
+        from simgap.examples.arm import make
+
+        fault = make(out, seed)
+    files = [str(out / name) for name in ("log.csv", "model.xml", "map.yaml")]
+    line = f"simgap diagnose {files[0]} --model {files[1]} --map {files[2]} --out {out / 'diagnosis'}"
+    typer.echo(f"made {', '.join(files)}; now: {line}", err=True)
+    if diagnosed:
+        diagnose_command([Path(files[0])], Path(files[1]), Path(files[2]), out / "diagnosis", baselines=False)
+        typer.echo(f"hidden was {fault.effect}: {fault.sentence}", err=True)
 
 
 def main() -> None:

@@ -21,6 +21,7 @@ from simgap.data.errors import GapInputError
 
 if TYPE_CHECKING:
     from simgap.analysis.diagnose import Diagnosis
+    from simgap.preparation.check import Check
 
 HELP = {"help_option_names": ["-h", "--help"]}
 """Settings of every command."""
@@ -112,6 +113,27 @@ def guarded(app: typer.Typer, program: str) -> None:
         sys.exit(1)
 
 
+def print_check(found: Check) -> None:
+    """What a recording holds, by joint, with doubts and advice, on the terminal."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    runs = "one run" if found.runs == 1 else f"{found.runs} runs"
+    console.print(f"{found.duration:.4g} s in {runs}, a sample every {1e3 * found.period:.4g} ms")
+    table = Table("joint", "from", "to", "rms speed", "reversals", "noise", "not told apart")
+    for joint in found.joints:
+        told = "anything: it stands still" if joint.still else ", ".join(joint.confounded) or "-"
+        numbers = [f"{v:.3g}" for v in (joint.low, joint.high, joint.speed)]
+        table.add_row(joint.name, *numbers, str(joint.reversals), f"{joint.noise:.2g}", told)
+    console.print(table)
+    for warning in found.warnings:
+        console.print(f"[yellow]warning:[/yellow] {warning}", highlight=False)
+    for line in found.advice:
+        console.print(f"record: {line}", highlight=False)
+    console.print(f"[bold]{found.verdict}[/bold]")
+
+
 def print_diagnosis(found: Diagnosis, report_file: Path | None = None) -> None:
     """The verdict, what was found, and the next experiment, on the terminal; last, where the report is."""
     from rich.console import Console
@@ -146,6 +168,8 @@ def print_diagnosis(found: Diagnosis, report_file: Path | None = None) -> None:
         console.print(f"next: {proposed['description']} (should tell them apart by {gain:.1f} nats, {odds})")
     for warning in report["warnings"]:
         console.print(f"[yellow]warning:[/yellow] {warning}")
+    for line in report.get("data", {}).get("advice", ()):
+        console.print(f"record: {line}", highlight=False)
     console.print(f"{report['wall_s']:.1f} s")
     if report_file is not None:
         # Not wrapped by the width of the terminal, so that it can be copied.

@@ -8,7 +8,18 @@ import pytest
 import simgap
 
 ROOT = Path(simgap.__file__).parent
-LAYERS = ("data", "simulation", "effects", "inference", "analysis", "correction", "report", "blind", "examples")
+LAYERS = (
+    "data",
+    "simulation",
+    "effects",
+    "inference",
+    "analysis",
+    "correction",
+    "preparation",
+    "report",
+    "blind",
+    "examples",
+)
 """Lowest first; what stands beside them (the command) may use all."""
 
 

@@ -224,6 +224,18 @@ def test_what_mjcf_cannot_say_goes_into_a_wrapper_that_runs_alone(tmp_path: Path
     assert signals.measure(0.0, {"q1": 0.3, "q0": 0.1}) == {"q1": pytest.approx(0.35), "q0": 0.1}
 
 
+def test_a_delay_adds_to_one_that_the_model_has(tmp_path: Path) -> None:
+    xml = NATIVE.replace('class="servo" force', 'class="servo" delay="0.01" nsample="6" interp="linear" force')
+    (tmp_path / "robot.xml").write_text(xml)
+    variant = Variant.nominal(_plant(xml))
+    variant.inputs.delay[0] = 0.02
+    report = {"correction": correction(variant.plant, variant).report()}
+    applied = apply(report, tmp_path / "robot.xml", tmp_path / "new.xml", tmp_path / "signals.py")
+    assert applied.wrapper is None and applied.notes == () and not (tmp_path / "signals.py").exists()
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "new.xml"))
+    assert model.actuator_delay[0] == pytest.approx(0.03)
+
+
 def _told(signals: list[dict[str, Any]], commands: Array, model: mujoco.MjModel | None = None) -> Array:
     """Controls (n,) of the first actuator of an arm that is held at rest."""
     model = model or mujoco.MjModel.from_xml_string(ARM)
@@ -371,6 +383,10 @@ def test_the_corrected_model_leaves_nothing_to_find(tmp_path: Path) -> None:
     assert shown.splitlines()[-1] == str(first / "report.html")
     before = json.loads((first / "diagnosis.json").read_text())
     assert {e["name"] for e in before["effects"]} == {"coulomb_friction", "link_latency"}
+    assert before["data"]["verdict"] == "usable" and [j["name"] for j in before["data"]["joints"]] == [
+        "shoulder",
+        "elbow",
+    ]
     shown = run("apply", str(first / "diagnosis.json"), "--model", str(tmp_path / "arm.xml"), "--out", str(new),
                 "--randomise", str(tmp_path / "ranges.yaml"))  # fmt: skip
     assert "frictionloss" in shown and shown.splitlines()[-1] == str(new)

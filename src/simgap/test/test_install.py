@@ -56,7 +56,7 @@ def test_the_wheel_holds_all_it_needs_and_asks_for_little(wheel: Path) -> None:
 
 
 @pytest.mark.timeout(600)
-def test_a_bare_environment_diagnoses(wheel: Path, tmp_path: Path) -> None:
+def test_a_bare_environment_has_all_commands(wheel: Path, tmp_path: Path) -> None:
     environment, python = tmp_path / "bare", tmp_path / "bare" / "bin" / "python"
     _run(UV, "venv", "--quiet", "--python", sys.executable, environment, cwd=tmp_path)
     _run(UV, "pip", "install", "--quiet", "--python", python, wheel, cwd=tmp_path)
@@ -72,14 +72,14 @@ def test_a_bare_environment_diagnoses(wheel: Path, tmp_path: Path) -> None:
     )
     (tmp_path / "pendulum.xml").write_text(MODELS["pendulum"])
     (tmp_path / "map.yaml").write_text(safe_dump(MAPS["pendulum"]))
-    words = ["--model", "pendulum.xml", "--map", "map.yaml", "--only", "servo_gain", "--no-baselines"]
-    shown = _run(command, "diagnose", "log.csv", *words, cwd=tmp_path).splitlines()
-    assert shown[0] == "verdict: no_gap" and (tmp_path / shown[-1]).is_file()
+    words = ["--model", "pendulum.xml", "--map", "map.yaml"]
+    assert _run(command, "check", "log.csv", *words, cwd=tmp_path).splitlines()[-1] == "usable"
+    assert "servo_gain" in _run(command, "effects", cwd=tmp_path)
     # What an extra brings is asked for in one sentence.
     for name, extra in (("log.parquet", "parquet"), ("log.mcap", "bags")):
         (tmp_path / name).write_bytes(b"")
         done = subprocess.run(
-            [command, "diagnose", name, *words], cwd=tmp_path, capture_output=True, text=True, check=False
+            [command, "check", name, *words], cwd=tmp_path, capture_output=True, text=True, check=False
         )
         assert done.returncode == 2
         if extra == "parquet":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -15,11 +16,13 @@ import numpy as np
 import pyarrow
 import pyarrow.parquet
 import pytest
+import yaml
 from numpy.typing import NDArray
 from robots import MAPS, MODELS, simulate
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+import simgap
 from simgap.data.align import Aligned, align
 from simgap.data.bag import topics
 from simgap.data.errors import GapInputError
@@ -435,3 +438,14 @@ def test_bags_are_read_where_no_ros_is(table: dict[str, Array], tmp_path: Path) 
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 0 and "/joint_states" in done.stdout, done.stderr
+
+
+def test_the_maps_in_the_documentation_are_valid() -> None:
+    docs = Path(simgap.__file__).resolve().parents[3] / "docs"
+    blocks = [
+        yaml.safe_load(block)
+        for page in ("gap.md", "simgap/recordings.md")
+        for block in re.findall(r"```yaml\n(.*?)```", (docs / page).read_text(encoding="utf-8"), re.DOTALL)
+    ]
+    maps = [parse_map(block) for block in blocks if "inputs" in block]
+    assert [m.of_bag for m in maps] == [False, True]

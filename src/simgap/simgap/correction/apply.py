@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from simgap.correction import signals as signals_module
 from simgap.correction.changes import Change, Correction, Signal, correction
 from simgap.correction.mjcf import write_mjcf
 from simgap.data.errors import GapInputError
+from simgap.data.plant import load_model
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit
 from simgap.simulation.variant import Variant
@@ -86,7 +88,7 @@ def apply(report: dict[str, Any], model: Path, out: Path, wrapper: Path) -> Appl
         GapInputError: the model is not the one that was diagnosed, or a file cannot be written.
     """
     found = Correction.of(report["correction"])
-    delays = _delays(found)
+    delays = _delays(found, load_model(model))
     changes = [*found.changes, *(change for change, _ in delays)]
     written = write_mjcf(model, changes, out)
     left = set(written.left_out)
@@ -115,7 +117,7 @@ def apply(report: dict[str, Any], model: Path, out: Path, wrapper: Path) -> Appl
     return Applied(kept, written.kept_text, tuple(wrapped), tuple(notes), wrapper if wrapped else None)
 
 
-def _delays(found: Correction) -> list[tuple[Change, Signal]]:
+def _delays(found: Correction, model: mujoco.MjModel) -> list[tuple[Change, Signal]]:
     """Delays that MJCF can hold: of an actuator that the command reaches as it was sent, and by no controller."""
     chance = {s.name for s in found.signals if s.quantity in ("loss", "jitter")}
     controlled = {s.name for s in found.signals if s.where == "controller"}
@@ -123,10 +125,12 @@ def _delays(found: Correction) -> list[tuple[Change, Signal]]:
     for signal in found.signals:
         if signal.where != "command" or signal.quantity != "delay" or signal.value <= 0:
             continue
-        if signal.name in chance | controlled or signal.index < 0:
+        if signal.name in chance | controlled or not 0 <= signal.index < model.nu:
             continue
-        span = {"low": (signal.low,), "high": (signal.high,)} if signal.low is not None else {}
-        change = Change("actuator", signal.name, signal.index, "delay", (0.0,), (signal.value,), "s")
+        before = float(model.actuator_delay[signal.index])
+        span = {"low": (before + signal.low,), "high": (before + float(signal.high or 0.0),)} if signal.low else {}
+        value = (before + signal.value,)
+        change = Change("actuator", signal.name, signal.index, "delay", (before,), value, "s")
         made.append((replace(change, **span), signal))  # type: ignore[arg-type]
     return made
 

@@ -15,7 +15,7 @@ import numpy as np
 from simgap.correction.changes import ATTRIBUTES, OBJECTS, Change, differences
 from simgap.data.channels import model_names
 from simgap.data.errors import GapInputError
-from simgap.data.plant import load_spec
+from simgap.data.plant import load_model, load_spec
 
 _TAG = re.compile(rb"""<([\w:.-]+)((?:\s+[\w:.-]+\s*=\s*(?:"[^"]*"|'[^']*'))*)\s*(/?)>""")
 _ATTRIBUTE = r"""\s+{name}\s*=\s*(?:"[^"]*"|'[^']*')"""
@@ -40,16 +40,16 @@ def write_mjcf(model: Path, changes: Sequence[Change], out: Path) -> Written:
         GapInputError: the model cannot be read, is not the one that the changes began from, or ``out`` cannot be
             written or read back.
     """
-    nominal = _compile(load_spec(model), model)
+    nominal = load_model(model)
     _check_start(nominal, changes, model)
     left: tuple[Change, ...] = tuple(changes)
     kept_text = False
     for write in (_write_text, _write_spec):
         if not write(model, nominal, changes, out):
             continue
-        if moved := _moved(nominal, _compile(load_spec(out), out), changes):
+        if moved := _moved(nominal, load_model(out), changes):
             write(model, nominal, [*changes, *moved], out)
-        left, kept_text = _missing(_compile(load_spec(out), out), changes), write is _write_text
+        left, kept_text = _missing(load_model(out), changes), write is _write_text
         if not left:
             break
     return Written(kept_text, left)
@@ -81,7 +81,10 @@ def _write_spec(model: Path, nominal: mujoco.MjModel, changes: Sequence[Change],
     spec.compile()
     for change in changes:
         _set_in_spec(spec, nominal, change)
-    _compile(spec, model)
+    try:
+        spec.compile()
+    except ValueError as error:
+        raise GapInputError(f"{out}: MuJoCo refuses the corrected model ({' '.join(str(error).split())})") from error
     _write(out, spec.to_xml().encode())
     return True
 
@@ -92,16 +95,6 @@ def _write(out: Path, text: bytes) -> None:
         out.write_bytes(text)
     except OSError as error:
         raise GapInputError(f"{out}: cannot be written ({error.strerror})") from error
-
-
-def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
-    try:
-        return spec.compile()
-    except ValueError as error:
-        raise GapInputError(
-            f"{path}: MuJoCo cannot compile the model ({' '.join(str(error).split())}); meshes and included files are "
-            "looked for from the folder of the model, so write the corrected one beside it"
-        ) from error
 
 
 def _check_start(model: mujoco.MjModel, changes: Sequence[Change], path: Path) -> None:

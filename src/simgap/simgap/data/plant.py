@@ -78,6 +78,23 @@ def load_spec(path: str | Path) -> mujoco.MjSpec:
         raise GapInputError(f"{path}: MuJoCo cannot read the model ({' '.join(str(error).split())})") from error
 
 
+def load_model(path: str | Path) -> mujoco.MjModel:
+    """Read and compile an MJCF (or URDF).
+
+    Raises:
+        GapInputError: the file is missing, or MuJoCo rejects it or a file that it names.
+    """
+    try:
+        return load_spec(path).compile()
+    except ValueError as error:
+        if isinstance(error, GapInputError):
+            raise
+        raise GapInputError(
+            f"{path}: MuJoCo cannot compile the model ({' '.join(str(error).split())}); meshes and included files are "
+            "looked for from the folder of the model"
+        ) from error
+
+
 def build_plant(spec: mujoco.MjSpec, mapping: Map) -> Plant:
     """Compile the nominal model with the sensors and controllers that the map asks for.
 

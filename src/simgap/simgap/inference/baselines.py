@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import logging
 from collections.abc import Callable
 from typing import Any
 
@@ -27,7 +26,7 @@ _ROUNDS, _ROUNDS_HEAVY = 6, 3
 
 
 def fit_everything(fitter: Fitter, iterations: int | None = None, seed: int = 0) -> dict[str, object]:
-    """Plain mujoco.sysid least squares of all nominal parameters at once, fitted outside of one fold and scored in it.
+    """Plain least squares (mujoco.minimize) of all nominal parameters at once, fitted outside of one fold and scored in it.
 
     No effects, no priors, white residuals: what a user gets who frees every number of the model.
     """
@@ -50,7 +49,7 @@ def fit_everything(fitter: Fitter, iterations: int | None = None, seed: int = 0)
         result: Array = flat.T if x.ndim == 2 else flat[0]
         return result
 
-    z = _optimize([n.name for n in fitter.nuisances], residual, iterations)
+    z = _optimize(len(fitter.nuisances), residual, iterations)
     square = fitter.mean_square(fitter.replay(Hypothesis(), [(none, z)], test)[0], test)
     before = fitter.mean_square(fitter.replay(Hypothesis(), [(none, np.zeros(len(fitter.nuisances)))], test)[0], test)
     blocks = [np.flatnonzero(fitter.windows.block[test] == b) for b in np.unique(fitter.windows.block[test])]
@@ -66,33 +65,17 @@ def fit_everything(fitter: Fitter, iterations: int | None = None, seed: int = 0)
         "parameters": {n.name: float(v) for n, v in zip(fitter.nuisances, z, strict=True)},
         "parameter_unit": "standard deviations of the prior",
         "held_out": f"fold {held}",
-        "method": "mujoco.sysid least squares of all nominal parameters, no priors, no effects",
+        "method": "mujoco.minimize: least squares of all nominal parameters, no priors, no effects",
     }
 
 
-def _optimize(names: list[str], residual: Callable[[Array], Array], iterations: int) -> Array:
-    """Least squares by mujoco.sysid; where its extra is not installed, by the optimizer that it would have called."""
+def _optimize(count: int, residual: Callable[[Array], Array], iterations: int) -> Array:
+    """Least squares of so many numbers by MuJoCo's own optimizer."""
     # Its typed half would hide the rest of mujoco, which is untyped, from the type checker.
-    sysid: Any = importlib.import_module("mujoco.sysid")
-    if not hasattr(sysid, "optimize"):
-        minimize: Any = importlib.import_module("mujoco.minimize")
-        bounds = [np.full(len(names), -_FREE), np.full(len(names), _FREE)]
-        start = np.zeros(len(names))
-        found, _ = minimize.least_squares(start, residual, bounds, eps=1e-2, max_iter=iterations, verbose=0)
-        return np.asarray(found, float)
-    parameters = sysid.ParameterDict()
-    for name in names:
-        parameters.add(sysid.Parameter(name, 0.0, -_FREE, _FREE))
-    logging.getLogger("absl").setLevel(logging.ERROR)
-    fitted, _ = sysid.optimize(
-        parameters,
-        lambda x, _: ([residual(x)], None, None),
-        optimizer="mujoco",
-        verbose=False,
-        max_iters=iterations,
-        eps=1e-2,
-    )
-    return np.asarray(fitted.as_vector(), float)
+    minimize: Any = importlib.import_module("mujoco.minimize")
+    bounds = [np.full(count, -_FREE), np.full(count, _FREE)]
+    found, _ = minimize.least_squares(np.zeros(count), residual, bounds, eps=1e-2, max_iter=iterations, verbose=0)
+    return np.asarray(found, float)
 
 
 def best_in_sample(selector: Selector, singles: list[Scored], reference: Scored) -> dict[str, object]:
