@@ -26,7 +26,7 @@ _ROUNDS, _ROUNDS_HEAVY = 6, 3
 
 
 def fit_everything(fitter: Fitter, iterations: int | None = None, seed: int = 0) -> dict[str, object]:
-    """Plain least squares (mujoco.minimize) of all nominal parameters at once, fitted outside of one fold and scored in it.
+    """Plain least squares (mujoco.minimize) of all nominal parameters, fitted outside of one fold and scored in it.
 
     No effects, no priors, white residuals: what a user gets who frees every number of the model.
     """
