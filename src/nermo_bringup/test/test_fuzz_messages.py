@@ -91,7 +91,8 @@ def test_the_same_seed_spoils_alike() -> None:
     messages = [usual(message_type("sensor_msgs/Imu"), ROBOT, NOW) for _ in range(2)]
     for message in messages:
         spoil(message, random.Random(7))
-    assert serialize_message(messages[0]) == serialize_message(messages[1])
+    # Not by their bytes: between fields these hold whatever lay there.
+    assert repr(messages[0]) == repr(messages[1])
 
 
 def test_a_swollen_path_is_beyond_every_limit() -> None:

@@ -27,6 +27,10 @@ def _source() -> Path:
 
 def _run(*words: object, cwd: Path) -> str:
     bare = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "AMENT", "COLCON", "VIRTUAL_ENV"))}
+    # As the workspace's set-up calls uv: behind a company's proxy it needs the system's certificates and index.
+    bare |= {"UV_SYSTEM_CERTS": "true", "UV_NATIVE_TLS": "true"}
+    if "PIP_INDEX_URL" in bare:
+        bare.setdefault("UV_DEFAULT_INDEX", bare["PIP_INDEX_URL"])
     done = subprocess.run([str(w) for w in words], cwd=cwd, env=bare, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from robots import aligned_of, simulate
 
-from simgap.inference.decision import probabilities
+from simgap.effects.base import Context
+from simgap.effects.library import enumerate_effects
+from simgap.inference.decision import Class, probabilities
 from simgap.inference.fit import Fitter
-from simgap.inference.hypothesis import Hypothesis
+from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.likelihood import TAIL, Likelihood
 from simgap.inference.nuisance import enumerate_nuisances
 from simgap.inference.residual import Residuals
+from simgap.inference.scores import Scored
+from simgap.inference.verdict import Verdict
 from simgap.simulation.replay import Replayer
+from simgap.simulation.scales import measure_scales
 from simgap.simulation.variant import Variant
 from simgap.simulation.windows import cut
 
@@ -107,6 +114,24 @@ def test_probabilities_follow_held_out_costs_their_doubt_and_the_temperature() -
     np.testing.assert_allclose(
         probabilities(np.array([base, base]), np.array([0.0, np.log(3)]), 1.0, blocks), [0.75, 0.25]
     )
+
+
+def test_the_probability_of_a_verdict_is_that_it_is_right() -> None:
+    plant, aligned, floor = aligned_of("pendulum", simulate("pendulum", seconds=6.0))
+    replayer = Replayer(plant, aligned, cut(aligned, 0.4, most=12), floor, 1)
+    effects = enumerate_effects(Context(plant, measure_scales(replayer, Variant.nominal(plant))))
+    kinds = {e.name: e for e in effects}
+    none = np.zeros(0)
+    one, two, three = (
+        Fit(Hypothesis((kinds[name],)), none, none, 0.0, none, none)
+        for name in ("coulomb_friction", "servo_gain", "armature")
+    )
+    found = [Class((fit,), p) for fit, p in ((one, 0.6), (two, 0.35), (three, 0.05))]
+    best = Scored(one, 0.0, 1.0)
+    verdict = Verdict("effect", best, probability=0.6, explained=0.5, classes=found, open=[one, two])
+    assert verdict.sure == pytest.approx(0.6)
+    assert replace(verdict, kind="ambiguous").sure == pytest.approx(0.95), "that it is one of the two named"
+    assert replace(verdict, kind="unknown").sure == pytest.approx(0.7), "that what was found is not the whole"
 
 
 def test_refreshing_sensitivities_leaves_those_alone_that_somebody_keeps() -> None:
