@@ -218,6 +218,17 @@ def test_noise_floor_finds_white_noise(noise: float) -> None:
     np.testing.assert_allclose(floor, noise, rtol=0.25)
 
 
+def test_noise_floor_of_a_robot_that_rests_most_of_the_time_is_that_of_its_motion() -> None:
+    """In its friction it repeats the same value, which says nothing of how well a motion repeats."""
+    plant, table = plant_of("pendulum"), simulate("pendulum", 12.0, noise=2e-4)
+    column = plant.outputs[0].column
+    rests = (table["t"] % 2.0) > 0.5
+    held = np.maximum.accumulate(np.where(rests, 0, np.arange(len(rests))))
+    table[column] = table[column][held]
+    floor = noise_floor(align(recording_from_table(table, plant), plant))
+    assert floor[0] == pytest.approx(2e-4, rel=0.3)
+
+
 def test_noise_floor_sees_quantisation_and_repeats() -> None:
     table = simulate("pendulum", 10.0, noise=0.0)
     step = 2 * np.pi / 4096
