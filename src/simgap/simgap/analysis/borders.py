@@ -78,7 +78,8 @@ def borders(plant: Plant, aligned: Aligned, floor: Array) -> list[Border]:
 
 def hints(found: Sequence[Border]) -> list[tuple[str, str, float]]:
     """Effects (name, site, value) that parts which stand out speak for, where their value is plain."""
-    usual = np.nanmedian([b.lag for b in found if b.kind == "servo"] or [np.nan])
+    lags = [b.lag for b in found if b.kind == "servo" and np.isfinite(b.lag)]
+    usual = float(np.median(lags)) if lags else np.inf
     spoken = []
     for b in found:
         if b.kind == "servo" and "lag" in b.stands_out and b.lag > usual:
