@@ -141,9 +141,10 @@ def apply_command(
     if out.suffix not in (".yaml", ".yml"):
         fail(f"--out: {out} must end in .yaml", 2)
     with _refusals():
-        from nermo_gap.robots.apply import deviations_of, read_diagnosis, write_robot
+        from nermo_gap.robots.apply import deviations_of, write_robot
+        from simgap.correction.apply import read_diagnosis
 
-        report = read_diagnosis(diagnosis)
+        report = read_diagnosis(diagnosis, corrected=False)
         base = robot or str(report.get("robot_file") or report["robot"])
         applied = deviations_of(report, base)
         if report["verdict"] != "effect":
@@ -210,10 +211,11 @@ def predict_command(
     """
     with _refusals():
         from nermo_gap.explain.predict import predict, print_predictions
-        from nermo_gap.robots.apply import deviations_of, read_diagnosis
+        from nermo_gap.robots.apply import deviations_of
         from simgap.analysis.diagnose import write_report
+        from simgap.correction.apply import read_diagnosis
 
-        report = read_diagnosis(diagnosis)
+        report = read_diagnosis(diagnosis, corrected=False)
         base = robot or str(report.get("robot_file") or report["robot"])
         applied = deviations_of(report, base)
         with progress("experiments") as say:

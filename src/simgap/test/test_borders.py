@@ -45,10 +45,11 @@ CABLE = f"""
 <sensor>{_parts('<actuatorpos name="report#" actuator="s#"/>', 3)}</sensor></mujoco>"""
 
 
-def _four(late: float = 0.0, off: float = 0.0) -> tuple[Plant, list[Border]]:
-    """Four servos that follow steps; the second ``late`` [s] and ``off`` [rad]."""
+def _four(late: float = 0.0, off: float = 0.0, gear: float = 1.0) -> tuple[Plant, list[Border]]:
+    """Four servos that follow steps and are told ``gear`` times the angle; the second ``late`` [s], ``off`` [rad]."""
     rng, n = np.random.default_rng(1), 3000
-    plant = build_plant(mujoco.MjSpec.from_string(FOUR), parse_map(MAP))
+    model = FOUR.replace('kp="2"', f'gear="{gear}" kp="2"')
+    plant = build_plant(mujoco.MjSpec.from_string(model), parse_map(MAP))
     told = np.repeat(rng.uniform(-0.5, 0.5, (n // 60, SERVOS)), 60, axis=0)
     said = np.zeros_like(told)
     for i in range(SERVOS):
@@ -56,7 +57,7 @@ def _four(late: float = 0.0, off: float = 0.0) -> tuple[Plant, list[Border]]:
         said[:, i] = np.concatenate([np.full(steps, told[0, i]), told[:-steps, i]]) + (off if i == 1 else 0.0)
     said += 0.001 * rng.standard_normal(said.shape)
     table = {"t": PERIOD * np.arange(n)}
-    table |= {f"c{i}": told[:, i] for i in range(SERVOS)} | {f"q{i}": said[:, i] for i in range(SERVOS)}
+    table |= {f"c{i}": gear * told[:, i] for i in range(SERVOS)} | {f"q{i}": said[:, i] for i in range(SERVOS)}
     aligned = align(recording_from_table(table, plant), plant)
     return plant, borders(plant, aligned, noise_floor(aligned))
 
@@ -75,6 +76,13 @@ def test_a_late_servo_and_one_that_is_off_speak_for_that_with_its_size() -> None
     said = {(name, site): value for name, site, value in hints(found)}
     assert said[("servo_delay", "s1")] == pytest.approx(0.04, abs=0.004)
     assert said[("servo_offset", "s1")] == pytest.approx(0.1, abs=2e-3)
+
+
+def test_an_offset_is_told_in_the_unit_of_the_command_as_the_effect_is() -> None:
+    """A servo behind a gear of two is told twice the angle of its joint."""
+    _, found = _four(off=0.1, gear=2.0)
+    (said,) = hints(found)
+    assert said[:2] == ("servo_offset", "s1") and said[2] == pytest.approx(0.2, abs=4e-3)
 
 
 def test_a_row_of_the_report_holds_no_nan() -> None:

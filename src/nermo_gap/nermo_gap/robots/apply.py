@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,23 +40,6 @@ class Applied:
 
     deviations: tuple[Deviation, ...]
     left_out: tuple[str, ...]
-
-
-def read_diagnosis(path: Path) -> dict[str, Any]:
-    """A diagnosis.json.
-
-    Raises:
-        GapInputError: it cannot be read, or is no diagnosis.
-    """
-    try:
-        report = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise GapInputError(f"{path}: cannot be read ({error.strerror})") from error
-    except ValueError as error:
-        raise GapInputError(f"{path}: is not JSON ({error})") from error
-    if not isinstance(report, dict) or not str(report.get("schema", "")).startswith("nermo_gap/diagnosis"):
-        raise GapInputError(f"{path}: schema: is no diagnosis of `nermo gap diagnose`")
-    return report
 
 
 def deviations_of(report: dict[str, Any], robot: str) -> Applied:

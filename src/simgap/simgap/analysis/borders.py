@@ -78,7 +78,8 @@ def borders(plant: Plant, aligned: Aligned, floor: Array) -> list[Border]:
 
 def hints(found: Sequence[Border]) -> list[tuple[str, str, float]]:
     """Effects (name, site, value) that parts which stand out speak for, where their value is plain."""
-    usual = np.nanmedian([b.lag for b in found if b.kind == "servo"] or [np.nan])
+    lags = [b.lag for b in found if b.kind == "servo" and np.isfinite(b.lag)]
+    usual = float(np.median(lags)) if lags else np.inf
     spoken = []
     for b in found:
         if b.kind == "servo" and "lag" in b.stands_out and b.lag > usual:
@@ -97,8 +98,12 @@ def _servos(plant: Plant, aligned: Aligned, floor: Array) -> list[Border]:
         if report is None:
             continue
         index, channel = report
-        told = aligned.inputs[:, i] / plant.model.actuator_gear[command.actuator, 0]
-        said = channel.coordinate(aligned.outputs[:, index]) if channel.qpos >= 0 else aligned.outputs[:, index]
+        # In the unit of the command, which is what a servo compares: its own length, gear times the joint.
+        told, gear = aligned.inputs[:, i], 1.0
+        said = aligned.outputs[:, index]
+        if channel.qpos >= 0:
+            gear = float(plant.model.actuator_gear[command.actuator, 0])
+            said = gear * channel.coordinate(said)
         ok = aligned.valid[:, index] & aligned.enabled
         error = (said - told)[_resting(aligned, told) & ok]
         rests = len(error) >= _FEW
@@ -110,7 +115,7 @@ def _servos(plant: Plant, aligned: Aligned, floor: Array) -> list[Border]:
                 _lag(aligned, told, said, ok),
                 float(error.std()) if rests else np.nan,
                 channel.unit,
-                float(floor[index] / abs(channel.gear)),
+                float(floor[index] * abs(gear / channel.gear)),
             )
         )
     return made

@@ -59,11 +59,11 @@ def diagnosed(fitter: Fitter, fit: Fit, intervals: list[dict[str, Any]]) -> Corr
     return correction(plant, best, spread)
 
 
-def read_diagnosis(path: Path) -> dict[str, Any]:
-    """A diagnosis.json.
+def read_diagnosis(path: Path, corrected: bool = True) -> dict[str, Any]:
+    """A diagnosis.json; ``corrected``: one that says what becomes of the model.
 
     Raises:
-        GapInputError: it cannot be read, is no diagnosis, or was written without a correction.
+        GapInputError: it cannot be read, is no diagnosis, or was written without the correction that is asked for.
     """
     try:
         report = json.loads(path.read_text(encoding="utf-8"))
@@ -73,7 +73,7 @@ def read_diagnosis(path: Path) -> dict[str, Any]:
         raise GapInputError(f"{path}: is not JSON ({error})") from error
     if not isinstance(report, dict) or "diagnosis" not in str(report.get("schema", "")):
         raise GapInputError(f"{path}: schema: is no diagnosis.json of `simgap diagnose`")
-    if "correction" not in report:
+    if corrected and "correction" not in report:
         raise GapInputError(
             f"{path}: correction: is missing, as in files of older versions; run `simgap diagnose` again"
         )
