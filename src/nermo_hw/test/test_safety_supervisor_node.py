@@ -40,10 +40,10 @@ def bench() -> Iterator[Node]:
     rclpy.shutdown()
 
 
-def spin_until(node: Node, condition: Callable[[], object], what: str) -> None:
+def spin_until(node: Node, condition: Callable[[], object], what: str, status: dict[str, str]) -> None:
     deadline = time.monotonic() + PATIENCE_S
     while not condition():
-        assert time.monotonic() < deadline, f"waited in vain until {what}"
+        assert time.monotonic() < deadline, f"waited in vain until {what}; last heard: {status}"
         node.executor.spin_once(timeout_sec=0.05)
 
 
@@ -75,33 +75,38 @@ def test_release_stop_and_silence_reach_the_servos(bench: Node, tmp_path: Path) 
     def note(message: DiagnosticArray) -> None:
         status.update({part.name: part.message for part in message.status})
 
+    def safety() -> str:
+        return status.get("safety_supervisor: safety", "")
+
     def energised() -> bool:
         return bool(emulator.device.state()["energised"])
 
+    def until(condition: Callable[[], object], what: str) -> None:
+        spin_until(bench, condition, what, status)
+
     def refusal() -> str:
         future = client.call_async(Trigger.Request())
-        spin_until(bench, future.done, "the service answers")
+        until(future.done, "the service answers")
         return str(future.result().message)
 
     bench.create_subscription(ServoStates, "servo_states", answer, qos.BEST_EFFORT)
     bench.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
     try:
-        spin_until(bench, lambda: status.get("safety_supervisor: safety", "").startswith("limp: start"), "it is limp")
-        spin_until(bench, lambda: not energised(), "its servos are limp")
-        spin_until(bench, client.service_is_ready, "the service is there")
-        spin_until(bench, lambda: refusal() == "" and energised(), "the servos have power")
-        spin_until(bench, lambda: status["safety_supervisor: safety"] == "follow", "it follows")
+        until(lambda: safety().startswith("limp: start"), "it is limp")
+        until(lambda: not energised(), "its servos are limp")
+        until(client.service_is_ready, "the service is there")
+        # On a busy machine the line may pause for 0.3 s, and then it takes another release.
+        until(lambda: refusal() == "" and energised() and safety() == "follow", "it has power and follows")
         stops.publish(Bool(data=True))
-        spin_until(bench, lambda: not energised(), "the stop has taken the power")
-        assert refusal() == "emergency_stop (/bench still says stop: end it there first)"
+        until(lambda: not energised(), "the stop has taken the power")
+        assert refusal().startswith("emergency_stop (/bench still says stop: end it there first)")
         processes[1].send_signal(signal.SIGUSR1)
         stops.publish(Bool(data=False))
-        spin_until(bench, lambda: "SIGUSR1" in status["safety_supervisor: safety"], "the signal has come")
+        until(lambda: "SIGUSR1" in safety(), "the signal has come")
         assert not energised()
-        spin_until(bench, lambda: refusal() == "" and energised(), "a release has given the power back")
+        until(lambda: refusal() == "" and energised(), "a release has given the power back")
         walking[0] = False
-        spin_until(bench, lambda: "command_lost" in status["safety_supervisor: safety"], "it crouches")
-        assert energised()
+        until(lambda: "command_lost" in safety() and energised(), "it crouches")
     finally:
         for process in processes:
             process.terminate()
@@ -138,6 +143,7 @@ def test_a_sensor_that_says_what_cannot_be_is_refused_in_words_and_has_no_readin
                 and refused in status.get("safety_supervisor: commands", "")
             ),
             f"it says {safety}",
+            status,
         )
 
     bench.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
