@@ -175,6 +175,14 @@ def test_it_says_when_only_the_line_has_to_be_released() -> None:
     assert not walk.supervisor.waits_for_the_line_only
 
 
+def test_one_answer_that_happens_to_come_does_not_keep_a_lost_line_alive() -> None:
+    walk = Walk().released()
+    begin = walk.now
+    while Cause.LINE_LOST not in walk.tick().causes:
+        walk.sample = SAMPLE if (walk.now - begin) // TICK % 10 == 0 else None
+        assert walk.now - begin < 0.4e9
+
+
 def test_link_loss_needs_a_link_that_was_there() -> None:
     walk = Walk()
     walk.heard = False

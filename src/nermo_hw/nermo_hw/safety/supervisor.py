@@ -23,6 +23,9 @@ __all__ = ["Output", "RefusedCommandError", "SafetySettings", "SafetySupervisor"
 
 LONGEST_TICK = 0.05
 """A tick that came later than this [s] is no reason to move further."""
+STEADY = 2
+"""So many exchanges in a row must be answered in whole before a line that was silent counts as there again: one answer
+that happens to come is none that a walk can rely on."""
 ARRIVED = 0.02
 """Nearer than this [rad] to the command, the slow approach is over."""
 
@@ -112,6 +115,8 @@ class SafetySupervisor:
         self._checks = SensorChecks(robot, self.settings.highest_voltage)
         self._sample: SensorSample | None = None
         self._sample_at = now
+        self._answered = 0
+        """Exchanges in a row that all boards have answered."""
         self._since: dict[Cause, int] = {}
         """Since when a condition has held without a break."""
         self._why: dict[Cause, str] = {Cause.START: "just started"}
@@ -164,12 +169,17 @@ class SafetySupervisor:
         self._watch(Cause.LOW_BATTERY, voltage < settings.low_voltage, now, f"{voltage:.2f} V")
         self._watch(Cause.EMPTY_BATTERY, voltage < settings.empty_voltage, now, f"{voltage:.2f} V")
         self._watch(Cause.SILENT_SERVO, bool(sample.silent_servos), now, ", ".join(sample.silent_servos))
-        self._watch(Cause.LINE_LOST, bool(sample.missing), now, f"{', '.join(sample.missing)} silent")
+        self._answered = 0 if sample.missing else self._answered + 1
+        if sample.missing:
+            self._watch(Cause.LINE_LOST, True, now, f"{', '.join(sample.missing)} silent")
+        elif self._answered >= STEADY:
+            self._watch(Cause.LINE_LOST, False, now, "")
         faults = sample.faults & LATCHED
         self._watch(Cause.DEVICE_LIMP, bool(faults), now, f"device reports {faults.name or faults}")
 
     def device_silent(self, why: str, now: int) -> None:
         """An exchange with the device failed."""
+        self._answered = 0
         self._watch(Cause.LINE_LOST, True, now, why)
 
     def release(self, now: int) -> str:
