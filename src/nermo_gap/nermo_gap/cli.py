@@ -64,12 +64,18 @@ def diagnose_command(
     only: Annotated[list[str] | None, typer.Option(help="Consider this effect only (may be repeated).")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
     baselines: Annotated[bool, typer.Option(help="Also fit everything at once, for comparison.")] = True,
+    budget: Annotated[float | None, typer.Option(help="Seconds that it may take; the best answer by then.")] = None,
+    reference: Annotated[
+        list[Path] | None,
+        typer.Option(help="A recording of the same robot when it was well (may be repeated): what has changed since?"),
+    ] = None,
 ) -> None:
     """Say where the gap of a recording lies, which effect causes it, and how far the effect shrinks it.
 
     \b
-    Example:
+    Examples:
       nermo gap diagnose recordings/today --robot nermo --out diagnosis
+      nermo gap diagnose recordings/today --reference recordings/yesterday
       nermo gap diagnose log.csv --model robot.xml --map map.yaml --json diagnosis.json
     """
     other = model is not None or map_ is not None
@@ -79,7 +85,8 @@ def diagnose_command(
     if not mouse and (model is None or map_ is None):
         fail("a table needs --model MODEL.xml and --map MAP.yaml, or --robot where it is one of the mouse", 2)
     with _refusals():
-        from simgap.analysis.diagnose import Options, diagnose
+        from simgap.analysis.diagnose import diagnose
+        from simgap.analysis.options import Options
         from simgap.data.mapping import load_map
         from simgap.data.plant import build_plant, load_spec
         from simgap.data.recording import load_recording
@@ -87,16 +94,16 @@ def diagnose_command(
 
         extra = tuple(c for path in effects or () for c in load_effects(path))
         with silence() as terminal, progress("align", terminal) as say:
-            options = Options(seed, None, extra, {}, baselines, tuple(only or ()), say)
+            options = Options(seed, None, extra, {}, baselines, tuple(only or ()), say, budget=budget)
             if model is not None and map_ is not None:
                 plant = build_plant(load_spec(model), load_map(map_))
-                tables = [load_recording(r, plant) for r in recordings]
-                found = diagnose(tables, plant, options)
+                options.reference = [load_recording(r, plant) for r in reference or ()]
+                found = diagnose([load_recording(r, plant) for r in recordings], plant, options)
             else:
                 # What knows the mouse is imported only for the mouse.
                 from nermo_gap.robots.diagnosis import diagnose_recordings
 
-                found = diagnose_recordings(recordings, robot, options)
+                found = diagnose_recordings(recordings, robot, options, reference or ())
         found.report["command"] = called(_PROGRAM, "diagnose")
         written = write_diagnosis(found, out or (None if json_ else Path("diagnosis")), json_)
     print_diagnosis(found, written)

@@ -29,7 +29,8 @@ from nermo_gap.robots.phases import gait_phases
 from nermo_gap.robots.simulated import simulate
 from nermo_gap.robots.sites import groups, nuisances, worth_a_look
 from nermo_sim.twin import Twin
-from simgap.analysis.diagnose import Options, write_report
+from simgap.analysis.diagnose import write_report
+from simgap.analysis.options import Options
 from simgap.data.align import align
 from simgap.data.errors import GapInputError
 from simgap.data.mapping import parse_map

@@ -15,7 +15,8 @@ from typing import Annotated, Any
 import mujoco
 import typer
 
-from simgap.analysis.diagnose import Options, diagnose
+from simgap.analysis.diagnose import diagnose
+from simgap.analysis.options import Options
 from simgap.blind.cases import SMALL, Case, draw, robot_of
 from simgap.blind.recordings import realise
 from simgap.blind.score import judged, metrics

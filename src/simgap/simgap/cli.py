@@ -55,15 +55,21 @@ def diagnose_command(
     seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
     baselines: Annotated[bool, typer.Option(help="Also fit everything at once, for comparison.")] = True,
     budget: Annotated[float | None, typer.Option(help="Seconds that it may take; the best answer by then.")] = None,
+    reference: Annotated[
+        list[Path] | None,
+        typer.Option(help="A recording of the same robot when it was well (may be repeated): what has changed since?"),
+    ] = None,
 ) -> None:
     """Say where the gap of a recording lies, which effect causes it, and how far the effect shrinks it.
 
     \b
-    Example:
+    Examples:
       simgap diagnose log.csv --model robot.xml --map map.yaml --out diagnosis
+      simgap diagnose today.csv --reference yesterday.csv --model robot.xml --map map.yaml
     """
     with refusals():
-        from simgap.analysis.diagnose import Options, diagnose
+        from simgap.analysis.diagnose import diagnose
+        from simgap.analysis.options import Options
         from simgap.data.mapping import load_map
         from simgap.data.plant import build_plant, load_spec
         from simgap.data.recording import load_recording
@@ -75,7 +81,8 @@ def diagnose_command(
         with silence() as terminal, progress("align", terminal) as say:
             read = [load_recording(r, plant) for r in recordings]
             seen = check(read, plant)
-            options = Options(seed, None, extra, {}, baselines, tuple(only or ()), say, budget=budget)
+            well = [load_recording(r, plant) for r in reference or ()]
+            options = Options(seed, None, extra, {}, baselines, tuple(only or ()), say, budget=budget, reference=well)
             found = diagnose(read, plant, options)
         found.report |= {"command": called(["simgap"], "diagnose"), "data": seen.report()}
         written = write_diagnosis(found, out or (None if json_ else Path("diagnosis")), json_)

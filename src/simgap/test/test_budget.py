@@ -6,7 +6,8 @@ import pytest
 from robots import plant_of, simulate
 from test_diagnose import SOME, _own_coulomb
 
-from simgap.analysis.diagnose import Diagnosis, Options, diagnose
+from simgap.analysis.diagnose import Diagnosis, diagnose
+from simgap.analysis.options import Options
 from simgap.data.recording import recording_from_table
 from simgap.inference import budget
 

@@ -16,7 +16,8 @@ from robots import MAPS, PENDULUM, aligned_of, plant_of, simulate
 from typer.testing import CliRunner
 
 import simgap
-from simgap.analysis.diagnose import Diagnosis, Options, diagnose, write_report
+from simgap.analysis.diagnose import Diagnosis, diagnose, write_report
+from simgap.analysis.options import Options
 from simgap.cli import app
 from simgap.data.mapping import load_map
 from simgap.data.plant import build_plant, load_spec

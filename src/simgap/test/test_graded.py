@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from robots import aligned_of, plant_of, simulate
 
 import simgap
-from simgap.analysis.diagnose import Diagnosis, Options, diagnose
+from simgap.analysis.diagnose import Diagnosis, diagnose
 from simgap.analysis.errors import by_channel
 from simgap.analysis.free_running import STRETCH, Model, fold_of, free_runs
+from simgap.analysis.options import Options
 from simgap.analysis.recalibration import calibration
 from simgap.analysis.remainder import describe, shares_of
 from simgap.analysis.waterfall import models, steps, waterfall

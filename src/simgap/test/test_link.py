@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from robots import aligned_of, simulate
 
-from simgap.analysis.diagnose import Options, diagnose
+from simgap.analysis.diagnose import diagnose
+from simgap.analysis.options import Options
 from simgap.blind.cases import draw, robot_of
 from simgap.blind.recordings import realise
 from simgap.data.mapping import parse_map

@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from simgap.analysis.diagnose import Options, diagnose
+from simgap.analysis.diagnose import diagnose
+from simgap.analysis.options import Options
 from simgap.blind import cases, recordings
 from simgap.blind.cases import Case, Injected, robot_of
 from simgap.blind.faults import FAULTS, LEVELS

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from robots import plant_of, simulate
 
-from simgap.analysis.diagnose import Diagnosis, Options, diagnose
+from simgap.analysis.diagnose import Diagnosis, diagnose
+from simgap.analysis.options import Options
 from simgap.data.align import align
 from simgap.data.noise_floor import noise_floor
 from simgap.data.plant import Plant

@@ -13,7 +13,8 @@ import pytest
 from matplotlib.text import Annotation
 from robots import plant_of, simulate
 
-from simgap.analysis.diagnose import Diagnosis, Options, diagnose
+from simgap.analysis.diagnose import Diagnosis, diagnose
+from simgap.analysis.options import Options
 from simgap.data.errors import GapInputError
 from simgap.data.recording import recording_from_table
 from simgap.report.drawing import draw_robot

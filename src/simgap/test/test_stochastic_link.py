@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from robots import aligned_of, plant_of, simulate
 
-from simgap.analysis.diagnose import Options, diagnose
+from simgap.analysis.diagnose import diagnose
+from simgap.analysis.options import Options
 from simgap.data.recording import recording_from_table
 from simgap.effects.base import Context
 from simgap.effects.library import enumerate_effects

@@ -19,7 +19,8 @@ from nermo_gap.robots.menu import MouseMenu
 from nermo_gap.robots.model import diagnosis_spec
 from nermo_gap.robots.phases import gait_phases
 from nermo_gap.robots.sites import groups, nuisances, worth_a_look
-from simgap.analysis.diagnose import Diagnosis, Options, diagnose
+from simgap.analysis.diagnose import Diagnosis, diagnose
+from simgap.analysis.options import Options
 from simgap.data.channels import OutputChannel
 from simgap.data.errors import GapInputError
 from simgap.data.plant import Plant, build_plant
@@ -103,22 +104,27 @@ def diagnose_robot(
     options: Options | None = None,
     channels: Channels | None = None,
     sources: Sequence[str] = (),
+    reference: Sequence[dict[str, Array]] = (),
 ) -> Diagnosis:
     """Diagnose recordings of the mouse, each a table as `mcap_table` and `simulate` give it.
+
+    ``reference``: recordings of the same mouse when it was well; then the fault is what is new.
 
     Raises:
         GapInputError: the tables cannot be used.
     """
-    columns = [c for c in tables[0] if all(c in t for t in tables)]
+    columns = [c for c in tables[0] if all(c in t for t in [*tables, *reference])]
     plant = robot_plant(robot, columns, channels)
-    names = list(sources) or [f"recording {i}" for i in range(len(tables))]
-    recordings = [recording_from_table(t, plant, n) for t, n in zip(tables, names, strict=True)]
+    names = list(sources) or [f"recording {i}" for i in range(len(tables) + len(reference))]
+    recordings = [recording_from_table(t, plant, n) for t, n in zip([*tables, *reference], names, strict=True)]
+    well = recordings[len(tables) :]
+    options = dataclasses.replace(options_for(plant, robot, columns, options), reference=well)
     # The twin tells of simulations that break down; here some candidates are meant to.
     log = logging.getLogger("nermo_sim.twin")
     level = log.level
     log.setLevel(logging.CRITICAL)
     try:
-        found = diagnose(recordings, plant, options_for(plant, robot, columns, options))
+        found = diagnose(recordings[: len(tables)], plant, options)
     finally:
         log.setLevel(level)
     return found
@@ -129,20 +135,25 @@ def is_mcap(path: Path) -> bool:
     return path.suffix.lower() == ".mcap" or path.is_dir()
 
 
-def diagnose_recordings(paths: Sequence[Path], robot: str | None, options: Options | None = None) -> Diagnosis:
+def diagnose_recordings(
+    paths: Sequence[Path], robot: str | None, options: Options | None = None, reference: Sequence[Path] = ()
+) -> Diagnosis:
     """Diagnose recordings of the mouse: MCAPs, or tables with the columns of `channels`.
 
-    ``robot`` is a name or a parameter file; where None, what the recordings say, or nermo_lite.
+    ``robot`` is a name or a parameter file; where None, what the recordings say, or nermo_lite. ``reference``:
+    recordings of the same mouse when it was well.
 
     Raises:
         GapInputError: a recording cannot be used.
         ParameterError: the robot's parameters cannot be read.
     """
-    said = {recorded_robot(p) for p in paths if is_mcap(p)} - {None}
+    every = [*paths, *reference]
+    said = {recorded_robot(p) for p in every if is_mcap(p)} - {None}
     if robot is None and len(said) > 1:
         raise GapInputError(f"the recordings are of different robots ({', '.join(sorted(map(str, said)))})")
     parameters = load_robot(robot or next((name for name in said if name), "nermo_lite"))
-    tables = [mcap_table(p, parameters) if is_mcap(p) else load_table(p) for p in paths]
-    found = diagnose_robot(tables, parameters, options, sources=[str(p) for p in paths])
+    tables = [mcap_table(p, parameters) if is_mcap(p) else load_table(p) for p in every]
+    now, well = tables[: len(paths)], tables[len(paths) :]
+    found = diagnose_robot(now, parameters, options, sources=[str(p) for p in every], reference=well)
     found.report["robot_file"] = robot or parameters.name
     return found

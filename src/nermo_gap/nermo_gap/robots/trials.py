@@ -19,7 +19,7 @@ import typer
 from nermo_description.robots import load_robot
 from nermo_gap.robots.diagnosis import diagnose_robot
 from nermo_gap.robots.simulated import Change, simulate
-from simgap.analysis.diagnose import Options
+from simgap.analysis.options import Options
 
 
 def _gain(model: mujoco.MjModel) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,94 +16,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 import simgap
-from simgap.analysis import self_contact
-from simgap.analysis.borders import borders, hints
 from simgap.analysis.experiment import GenericMenu, Menu
 from simgap.analysis.explanation import explain
 from simgap.analysis.free_running import FreeRun
-from simgap.analysis.input_checks import check_map, check_replay
 from simgap.analysis.isolability import confusion, isolability
-from simgap.analysis.localisation import Phases, bands, locate
+from simgap.analysis.localisation import bands, locate
 from simgap.analysis.next_experiment import Proposal, propose
-from simgap.data.align import Aligned, align
-from simgap.data.excitation import NOTHING_MOVED, excited, still_joints
-from simgap.data.noise_floor import noise_floor
+from simgap.analysis.options import Options
+from simgap.analysis.reference import learn
+from simgap.analysis.search import search
+from simgap.data.align import Aligned
+from simgap.data.excitation import NOTHING_MOVED, excited
 from simgap.data.plant import Plant
-from simgap.data.recording import Recording, concatenate
-from simgap.effects.base import Context, Effect
-from simgap.effects.library import enumerate_effects
+from simgap.data.recording import Recording
 from simgap.inference.baselines import best_in_sample, fit_everything
 from simgap.inference.budget import Budget
-from simgap.inference.candidates import Effort
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
-from simgap.inference.nuisance import BOX, Nuisance, enumerate_nuisances
-from simgap.inference.residual import Residuals
+from simgap.inference.nuisance import BOX
 from simgap.inference.select import Selection, Selector
-from simgap.inference.stochastic_link import PATTERN, Chance
+from simgap.inference.stochastic_link import PATTERN
 from simgap.inference.structure import REPEATS, predictable_share, repeating_share
 from simgap.inference.verdict import Verdict, judge
-from simgap.simulation.horizon import forgets, usable_horizon
-from simgap.simulation.integration import FINER, finer
-from simgap.simulation.replay import Replayer
-from simgap.simulation.scales import measure_scales
-from simgap.simulation.state import measured_state
-from simgap.simulation.variant import Variant
-from simgap.simulation.windows import HORIZON, HORIZON_HEAVY, LIGHT, WARM_UP, affordable, at_limit, cut, longer
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
 
 SCHEMA = "nermo_gap/diagnosis/1"
-HEAVY = Effort(hopeful=20, survivors=5, finalists=3, leaders=1, rounds=1, partners=4, max_effects=2, sought=60)
-"""Of models with more than LIGHT degrees of freedom, which take a hundred times longer to replay than a pendulum."""
 LAW = 0.015
 """Standard error of any parameter as a share of its size (for a factor: of its distance from 1), beside what the data
 say, per effect: a robot's friction or servo follows the law of the library only about, and what one effect's law
 leaves another takes up. Chosen on 144 intervals of the blind sets 79341278 and 55795674, of which it would hold 88 %
 (93 of single effects, 84 of pairs) with the fits' own deviations taken as 0.74 of those of that day."""
-
-
-@dataclass
-class Options:
-    """How to diagnose."""
-
-    seed: int = 0
-    threads: int | None = None
-    extra_effects: tuple[type[Effect], ...] = ()
-    groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    baselines: bool = True
-    only: tuple[str, ...] = ()
-    """Names of the effects to consider; all where empty."""
-    progress: Progress | None = None
-    keep: Callable[[Effect], bool] | None = None
-    """Which candidates make sense on this robot; all where None."""
-    nuisances: Callable[[Plant, Array, Array, float], list[Nuisance]] = enumerate_nuisances
-    """What may be off about this robot without being a fault; takes what `enumerate_nuisances` takes."""
-    finer: int = FINER
-    """Steps of the replay for one of the model's, where its bodies touch the ground."""
-    effort: Effort | None = None
-    """By default as much as the model is worth."""
-    max_windows: int | None = None
-    """By default as many as the model is worth."""
-    horizon: float | None = None
-    """[s] of a window, by default as long as the model is worth; shorter where the robot blows up an error of its start
-    (`horizon.py`)."""
-    warm_up: float = WARM_UP
-    """[s] before a window in which the model is held to the measurement."""
-    resolution: dict[str, float] = field(default_factory=dict)
-    """Least noise floor by output [unit of the channel]: what its sensor can resolve, however quiet it looks."""
-    phases: Phases | None = None
-    """Phases of each channel's motion for `where`; by the channel's own speed where None."""
-    menu: Menu | None = None
-    """Where the next experiment is chosen from; by default the one that suits any robot with inputs."""
-    budget: float | None = None
-    """[s] that the diagnosis may take; no limit where None."""
-
-    def say(self, stage: str, share: float) -> None:
-        """Report progress."""
-        if self.progress:
-            self.progress(stage, share)
 
 
 @dataclass
@@ -131,34 +74,17 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     options = options or Options()
     started = time.monotonic()
     budget = Budget(options.budget, started)
-    plant = finer(plant, options.finer)
-    aligned = align(concatenate(list(recordings)), plant)
-    floor = np.maximum(noise_floor(aligned), [options.resolution.get(o.name, 0.0) for o in plant.outputs])
-    warnings = [*plant.warnings, *aligned.warnings]
-    state = measured_state(plant, aligned, floor)
-    warnings += [*check_map(plant, aligned, state), *self_contact.warnings(plant, state)]
-    warnings += [
-        f"joint {name} hardly moves: this recording says nothing about it"
-        for name in still_joints(plant, aligned, floor)
-    ]
-    nominal = Variant.nominal(plant)
-    replayer = _replayer(plant, aligned, floor, nominal, options)
-    windows = replayer.windows
-    context = Context(plant, measure_scales(replayer, nominal), options.groups)
-    effects = enumerate_effects(context, options.extra_effects, options.only)
-    if options.keep is not None:
-        effects = [effect for effect in effects if options.keep(effect)]
-    size = np.sqrt((aligned.inputs**2).mean(axis=0))
-    nuisances = options.nuisances(plant, aligned.outputs.std(axis=0), size, aligned.period)
-    check_replay(plant, aligned.outputs[windows.rows()], replayer.run([nominal])[0])
-    residuals = Residuals.build(replayer, nominal)
-    fitter = Fitter(residuals, nuisances)
-    effort = options.effort or (HEAVY if plant.model.nv > LIGHT else Effort())
-    near = borders(plant, aligned, floor)
-    selector = Selector(fitter, effects, options.seed, options.progress, effort, budget, hints(near))
-    selection = selector.run()
-    if not budget.left_out:
-        Chance(selector).reconsider(selection, thorough=plant.model.nv <= LIGHT)
+    options.say("align", 0.0)
+    healthy = learn(options.reference, plant, options) if options.reference else None
+    found = search(recordings, plant, options, budget, healthy)
+    plant, aligned, fitter, selector, selection = (
+        found.plant,
+        found.aligned,
+        found.fitter,
+        found.selector,
+        found.selection,
+    )
+    floor, residuals, warnings = found.floor, fitter.residuals, found.warnings
     structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
     verdict = judge(selector, selection)
     if verdict.kind in ("no_gap", "calibration") and not excited(plant, aligned, floor):
@@ -183,16 +109,20 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     options.say("free runs", 0.0)
     keys, runs = explain(fitter, selector.scores, selection, report, options.seed)
     report |= keys
-    report["borders"] = [b.told() for b in near]
+    report["borders"] = [b.told() for b in found.near]
+    report["torque_balance"] = [b.told() for b in found.balances]
+    report["reference"] = healthy.report if healthy else None
     report["next_experiment"] = proposal.report() if proposal else None
-    report["warnings"] = warnings + [w for w in (_late(selection.best.fit, fitter), budget.warning()) if w]
+    report["warnings"] = warnings + [
+        w for w in (timing_at_its_limit(selection.best.fit, fitter), budget.warning()) if w
+    ]
     report["time_step_s"] = float(plant.model.opt.timestep)
-    report["replayed_s"] = replayer.simulated_seconds
+    report["replayed_s"] = residuals.replayer.simulated_seconds
     report["wall_s"] = time.monotonic() - started
     return Diagnosis(verdict, selection, selector, aligned, report, proposal, options.menu, runs)
 
 
-def _late(fit: Fit, fitter: Fitter) -> str:
+def timing_at_its_limit(fit: Fit, fitter: Fitter) -> str:
     """A word on inputs whose timing sits where its tolerance ends; empty where it does not."""
     for nuisance, z in zip(fitter.nuisances, fit.z, strict=True):
         if nuisance.name == "timing of inputs" and abs(z) > 0.999 * BOX:
@@ -203,25 +133,6 @@ def _late(fit: Fit, fitter: Fitter) -> str:
                 "link_latency and servo_delay"
             )
     return ""
-
-
-def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, options: Options) -> Replayer:
-    """A replayer of windows as long as this robot lets them be."""
-    most = options.max_windows or affordable(plant.model)
-    longest = options.horizon or (HORIZON if plant.model.nv <= LIGHT else HORIZON_HEAVY)
-    avoided = at_limit(aligned, floor)
-    made = Replayer(plant, aligned, cut(aligned, longest, options.warm_up, most, avoided), floor, options.threads)
-    horizon = usable_horizon(made, nominal)
-    if horizon > 0.9 * longest:
-        further = longer(aligned, options.warm_up)
-        if options.horizon or longest < HORIZON or further <= longest or not forgets(made, nominal):
-            return made
-        # Twice the seconds, for a steady error shows once in each.
-        windows = cut(aligned, further, options.warm_up, round(2.0 * most * longest / further), avoided)
-        return Replayer(plant, aligned, windows, floor, options.threads)
-    # As many seconds of motion in shorter windows.
-    windows = cut(aligned, horizon, options.warm_up, round(most * longest / horizon), avoided)
-    return Replayer(plant, aligned, windows, floor, options.threads)
 
 
 def _report(
@@ -255,6 +166,7 @@ def _report(
         "ranking": [
             {"hypothesis": s.key, "score": s.score, "gap": s.gap, "prior": s.fit.prior} for s in selection.singles
         ],
+        "rejected": _rejected(selection),
         "equivalent": verdict.equivalent,
         "isolability": isolability(selection.screened, [e.key for e in best.fit.hypothesis.effects])
         | {"rivals_deg": verdict.angles, "confusion": confusion(fitter, contenders, options.seed)},
@@ -273,6 +185,14 @@ def _report(
         },
         "noise_floor": {plant.outputs[i].name: float(floor[i]) for i in range(len(floor))},
     }
+
+
+def _rejected(selection: Selection) -> dict[str, Any] | None:
+    """The best further effect that did not earn its place; None where none was looked for."""
+    if selection.rejected is None:
+        return None
+    names, gain, asked = selection.rejected
+    return {"effects": names.split(" + "), "gap_gain": gain, "asked": asked, "unit": "nats on held-out data"}
 
 
 def _probabilities(verdict: Verdict) -> dict[str, float]:

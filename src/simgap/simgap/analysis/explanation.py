@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from simgap.analysis.agreement import agreement
 from simgap.analysis.free_running import FreeRun, Model, free_runs, told
 from simgap.analysis.recalibration import calibration
 from simgap.analysis.remainder import describe
@@ -19,7 +20,7 @@ NAMES = ("nominal", RECALIBRATED, "diagnosed", "fit_everything")
 def explain(
     fitter: Fitter, scores: Scores, selection: Selection, report: dict[str, Any], seed: int = 0
 ) -> tuple[dict[str, Any], list[FreeRun]]:
-    """The keys `waterfall`, `calibration`, `remainder` and `free_running` of a report, and the runs that were drawn.
+    """Keys `waterfall`, `calibration`, `agreement`, `remainder` and `free_running` of a report, and the runs drawn.
 
     ``report`` holds the keys `gap`, `baselines` and `unexplained_predictable_share` of the same selection.
     """
@@ -35,6 +36,7 @@ def explain(
     keys = {
         "waterfall": waterfall(fitter, found, runs),
         "calibration": calibration(fitter, best),
+        "agreement": agreement(fitter, best),
         "remainder": describe(fitter.residuals, diagnosed, best.residual, gap, predictable),
         "free_running": told(runs, plant, [n for n in NAMES if any(m.name == n for m in run)]),
     }

@@ -71,7 +71,7 @@ def confusion(fitter: Fitter, fits: Sequence[Fit], seed: int = 0) -> dict[str, A
     shared = (fitter.jacobian[:, select] * root).reshape(len(fitter.jacobian), left.size).astype(float)
     solvers = []
     for fit in fits:
-        own = (fit.effect_jacobian[:, select] * root).reshape(len(fit.effect_jacobian), left.size)
+        own = (fitter.complete(fit).effect_jacobian[:, select] * root).reshape(len(fit.x), left.size)
         stacked = np.concatenate([own, shared])
         prior = np.concatenate([np.full(len(own), 1e-6), np.ones(len(shared))])
         pull = np.concatenate([np.zeros(len(own)), fit.z])

@@ -17,7 +17,8 @@ from typing import Any
 def main(case: Path, out: Path, options: dict[str, Any]) -> None:
     """Diagnose ``case`` into ``out``/ID.json; ``options``: threads, baselines, seed, only, answers (a path to try)."""
     # Imported before the jail closes, since some libraries look around the file system when they are imported.
-    from simgap.analysis.diagnose import Options, diagnose, write_experiment
+    from simgap.analysis.diagnose import diagnose, write_experiment
+    from simgap.analysis.options import Options
     from simgap.blind.jail import can_read, confine
     from simgap.data.mapping import load_map
     from simgap.data.plant import build_plant, load_spec

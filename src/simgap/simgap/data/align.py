@@ -27,11 +27,12 @@ _HOLE_PERIODS = 2.5
 
 @dataclass(frozen=True)
 class Run:
-    """Rows [start, stop) of the grid that follow each other without a gap."""
+    """Rows [start, stop) of the grid that follow each other without a gap; ``setup`` is one of `Plant.setups`."""
 
     start: int
     stop: int
     label: float
+    setup: int = 0
 
 
 @dataclass
@@ -109,7 +110,8 @@ def align(recording: Recording, plant: Plant) -> Aligned:
         if piece is None:
             continue
         pieces.append(piece)
-        runs.append(Run(position, position + len(piece[0]), float(segment[start])))
+        setup = 0 if recording.setup is None else int(recording.setup[keep][start])
+        runs.append(Run(position, position + len(piece[0]), float(segment[start]), setup))
         position += len(piece[0])
     usable = sum((r.stop - r.start) * period for r in runs)
     if usable < MIN_DURATION:

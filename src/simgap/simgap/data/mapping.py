@@ -136,10 +136,29 @@ class GainRow(_Row):
     kd: float = Field(default=0.0, ge=0.0)
 
 
+class PayloadRow(_Row):
+    """What a run carries: a mass [kg] at a point [m] in the frame of a body."""
+
+    body: str
+    mass: float = Field(gt=0.0)
+    pos: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class RunRow(_Row):
+    """In what a run differs from the model: the gains of its controllers, what it carries, its supply [V]."""
+
+    gains: dict[str, GainRow] = {}
+    payload: PayloadRow | None = None
+    supply: float | None = Field(default=None, gt=0.0)
+
+
 class SegmentRow(ChannelRow):
-    """A column that numbers the runs of a recording, and the runs that are kept for scoring."""
+    """A column that numbers the runs of a recording, the runs that are kept for scoring, and in what runs differ."""
 
     held_out: tuple[float, ...] = ()
+    runs: dict[float, RunRow] = {}
+    supply: float | None = Field(default=None, gt=0.0)
+    """[V] for which the model's servos are given; by default the median of the runs'."""
 
 
 class AuxiliaryRow(ChannelRow):

@@ -20,6 +20,7 @@ from simgap.data.channels import (
 )
 from simgap.data.errors import GapInputError
 from simgap.data.mapping import GainRow, Map
+from simgap.data.setup import AS_MODELLED, Setup, setups
 
 Array = NDArray[np.float64]
 Obj = mujoco.mjtObj
@@ -40,6 +41,10 @@ class Plant:
     late: frozenset[str] = frozenset()
     """Joints that are put where they were measured only just before a window starts. What drives them has a memory (an
     integrator), which has to come from how they follow their commands: held, it would wind up."""
+    setups: tuple[Setup, ...] = (AS_MODELLED,)
+    """In what runs differ; that of the model first."""
+    setup_of: dict[float, int] = field(default_factory=dict)
+    """Which of them a run has, by its number; that of the model where it is not named."""
 
     def read(self, sensordata: Array) -> Array:
         """Output channels (..., no) from sensordata (..., nsensordata)."""
@@ -133,7 +138,7 @@ def build_plant(spec: mujoco.MjSpec, mapping: Map) -> Plant:
     for channel in inputs:
         if channel.actuator >= 0:
             model.actuator_ctrllimited[channel.actuator] = 0
-    return Plant(model, inputs, outputs, mapping, warnings)
+    return Plant(model, inputs, outputs, mapping, warnings, frozenset(), frozenset(), *setups(model, mapping))
 
 
 def _compile(spec: mujoco.MjSpec, mapping: Map) -> mujoco.MjModel:

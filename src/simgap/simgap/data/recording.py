@@ -32,6 +32,7 @@ class Recording:
         auxiliary: further columns, in the unit of the map.
         enabled: (n,) 1 where the servos give torque and 0 where they do not, NaN where not sampled; None where the map
             names no such column.
+        setup: (n,) number of the setup (`Plant.setups`) of a row's run; None where all are as modelled.
     """
 
     time: Array
@@ -42,6 +43,7 @@ class Recording:
     auxiliary: dict[str, Array] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     enabled: Array | None = None
+    setup: Array | None = None
 
 
 def load_recording(path: str | Path, plant: Plant) -> Recording:
@@ -92,6 +94,9 @@ def recording_from_table(columns: dict[str, Array], plant: Plant, source: str = 
         missing = [h for h in held_out if h not in set(segment.tolist())]
         if missing:
             raise GapInputError(f"{source}: segments.held_out: the recording has no run {missing[0]:g}")
+    setup = np.array([plant.setup_of.get(label, 0) for label in segment.tolist()], float) if plant.setup_of else None
+    unknown = [label for label in plant.setup_of if label not in set(segment.tolist())]
+    warned = [f"{source}: segments.runs: the recording has no run {label:g}" for label in unknown]
     auxiliary = {row.column: column(row.column, f"auxiliary[{i}]") for i, row in enumerate(mapping.auxiliary)}
     enabled = None
     if mapping.enabled is not None:
@@ -106,7 +111,8 @@ def recording_from_table(columns: dict[str, Array], plant: Plant, source: str = 
             raise GapInputError(
                 f"{source}: enabled: column {mapping.enabled.column!r} is never 1: the servos gave no torque all along"
             )
-    return Recording(time, np.stack(inputs, 1), np.stack(outputs, 1), segment, held_out, auxiliary, enabled=enabled)
+    told, seen = np.stack(inputs, 1), np.stack(outputs, 1)
+    return Recording(time, told, seen, segment, held_out, auxiliary, warned, enabled, setup)
 
 
 def concatenate(recordings: list[Recording]) -> Recording:
@@ -130,4 +136,7 @@ def concatenate(recordings: list[Recording]) -> Recording:
         None
         if all(r.enabled is None for r in recordings)
         else np.concatenate([np.ones(len(r.time)) if r.enabled is None else r.enabled for r in recordings]),
+        None
+        if all(r.setup is None for r in recordings)
+        else np.concatenate([np.zeros(len(r.time)) if r.setup is None else r.setup for r in recordings]),
     )

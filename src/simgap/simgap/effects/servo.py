@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -152,7 +153,7 @@ class ServoGain(ByPart):
                 model.actuator_biasprm[target, 2] *= value
 
 
-class ServoOffset(Effect):
+class ServoOffset(ByPart):
     """The servo's zero is elsewhere: it adds a constant to its command (or the measured torque has a bias).
 
     Of a servo that pulls a cable this is `tendon_slack`.
@@ -165,10 +166,10 @@ class ServoOffset(Effect):
         plant = context.plant
         told = commanded(plant, ("position", "velocity", "torque"))
         for site in servo_sites(context, [a for a in told if not pulls_cable(plant.model, a)]):
-            size = 0.1 * _rms(context, site.targets)
             kind = plant.inputs[channels_of(plant, site.targets)[0]].kind
             unit = servo_unit(plant, site.targets[0]) if kind == "position" else "1"
-            yield cls(site, [amount("offset", unit, size, (-1.5, -0.4, 0.4, 1.5), low=-20.0)])
+            make = partial(_zero, context, unit=unit)
+            yield cls(site, by_part(context, site, Obj.mjOBJ_ACTUATOR, make))
         for i, channel in enumerate(plant.inputs):
             if channel.measured or channel.actuator < 0:
                 size = 0.1 * float(context.scales.input_rms[i]) or 1e-3
@@ -176,9 +177,13 @@ class ServoOffset(Effect):
                 yield cls(site, [amount("offset", "N m", size, (-1.5, -0.4, 0.4, 1.5), low=-20.0)])
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
-        for target in self.site.targets:
+        for target, value in zip(self.site.targets, np.broadcast_to(values, len(self.site.targets)), strict=True):
             channels = [-1 - target] if target < 0 else channels_of(variant.plant, [target])
-            variant.inputs.offset[channels] += values[0]
+            variant.inputs.offset[channels] += value
+
+
+def _zero(context: Context, actuators: Sequence[int], unit: str) -> Parameter:
+    return amount("offset", unit, 0.1 * _rms(context, actuators), (-1.5, -0.4, 0.4, 1.5), low=-20.0)
 
 
 class ServoRateLimit(Effect):

@@ -48,6 +48,10 @@ _ANOTHER_NAME = 0.995
 _UNTOUCHED = 3
 """Effects that are also tried beside untouched nominal numbers, where those are bent far."""
 MAX_EFFECTS = 3
+MANY_PARAMETERS = 6
+"""Hypotheses with more are fitted in some windows first, and in all only where that promises something."""
+TOGETHER = 4
+"""Kinds of effects, at most, that single parts speak for and that are tried together."""
 
 
 @dataclass(frozen=True)
@@ -86,16 +90,45 @@ class Candidates:
         self.effort, self._progress = effort, progress
 
     def hinted(self, hints: Sequence[Hint]) -> list[Start]:
-        """Starts for what single parts speak for, as far as a candidate says it; nominal numbers untouched."""
+        """Starts for what single parts speak for, where a hint is there for each part of a candidate's site.
+
+        Nominal numbers are untouched.
+        """
         assert self.fitter.nominal is not None
+        spoken = {(name, site): value for name, site, value in hints}
         found = []
-        for name, site, value in hints:
-            for effect in self.effects:
-                if (effect.name, effect.site.name) == (name, site) and len(effect.parameters) == 1:
-                    parameter = effect.parameters[0]
-                    x = np.clip([value], parameter.low, parameter.high)
-                    found.append((effect, x, np.zeros_like(self.fitter.nominal.z)))
+        for effect in self.effects:
+            parts = _parts(effect, [site for name, site in spoken if name == effect.name])
+            if parts and effect.one_size:
+                values = [spoken[effect.name, part] for part in parts]
+                x = np.clip(values, [p.low for p in effect.parameters], [p.high for p in effect.parameters])
+                found.append((effect, x, np.zeros_like(self.fitter.nominal.z)))
         return found
+
+    def together(self, hints: Sequence[Hint], base: Scored) -> Scored | None:
+        """What single parts speak for, kind by kind at as many parts as do, as one hypothesis; None for one kind."""
+        starts = self.hinted(hints)
+        order = list(dict.fromkeys(name for name, _, _ in hints))
+        kinds: list[list[Start]] = []
+        for name in order:
+            own = [s for s in starts if s[0].name == name]
+            widest = max((len(e.site.targets) for e, _, _ in own), default=0)
+            if own:
+                kinds.append([s for s in own if len(s[0].site.targets) == widest])
+        kinds = kinds[:TOGETHER]
+        if len(kinds) < 2:
+            return None
+        self.say("fit", 0.0)
+        select = informative_windows(self.fitter, base.fit, FIT_WINDOWS)
+        tried: list[tuple[float, Hypothesis, Array]] = []
+        for chosen in product(*kinds):
+            hypothesis = Hypothesis(tuple(e for e, _, _ in chosen))
+            x = np.concatenate([x for _, x, _ in chosen])
+            square = self.fitter.mean_square(self.fitter.replay(hypothesis, [(x, base.fit.z)], select)[0], select)
+            tried.append((float(self.fitter.data_cost(square, select)), hypothesis, x))
+        _, hypothesis, x = min(tried, key=lambda t: t[0])
+        fit = self.fitter.fit(hypothesis, x, base.fit.z, select=select)
+        return self.scores.scored(self.fitter.polish(fit))
 
     def screened_about_nominal(self) -> list[Screened]:
         """Screen about the untouched nominal model: the nuisances' best fit may have swallowed half of an effect."""
@@ -123,7 +156,8 @@ class Candidates:
         def begun(effect: Effect, x: Array, z: Array) -> Fit:
             hypothesis = base.fit.hypothesis.with_effect(effect)
             x, z = self._nearest(hypothesis, x, z, select) if first else (x, z)
-            return self.fitter.fit(hypothesis, np.concatenate([base.fit.x, x]), z, select=select)
+            many = hypothesis.size > MANY_PARAMETERS
+            return self.fitter.fit(hypothesis, np.concatenate([base.fit.x, x]), z, select=select, roughly=many)
 
         fits = []
         for i, start in enumerate(starts):
@@ -163,11 +197,16 @@ class Candidates:
         return points[int(np.argmin(costs))]
 
     def finals(
-        self, singles: list[Scored], reference: Scored, favourites: Sequence[Screened]
+        self,
+        singles: list[Scored],
+        reference: Scored,
+        favourites: Sequence[Screened],
+        beside: Sequence[Fit] = (),
     ) -> tuple[list[Scored], Scored]:
         """Refit the leaders with sensitivities of their own, the start of windows judged by the leader's model.
 
-        The ``favourites`` of the screening are refitted in any case.
+        The ``favourites`` of the screening are refitted in any case. Starts are judged by the models of the fits
+        ``beside`` as well.
         """
         fitter = self.fitter
         if not singles:
@@ -179,7 +218,7 @@ class Candidates:
             if singles[0].score < reference.score
             else []
         )
-        models = [fitter.variant(f.hypothesis, f.x, f.z) for f in (reference.fit, *reversed(leaders))]
+        models = [fitter.variant(f.hypothesis, f.x, f.z) for f in (reference.fit, *reversed(leaders), *beside)]
         fitter.update_start(*models)
         again = []
         margin = self._hopeless(reference, singles[0])
@@ -277,7 +316,7 @@ class Candidates:
         """
         last = len(fit.hypothesis.effects[-1].parameters)
         root = np.sqrt(self.fitter.weights(self.fitter.mean_square(fit.residual)))[:, None, :]
-        rows = (fit.effect_jacobian * root).reshape(len(fit.x), -1)
+        rows = (self.fitter.complete(fit).effect_jacobian * root).reshape(len(fit.x), -1)
         rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
         return bool((np.abs(rows[:-last] @ rows[-last:].T) > _ANOTHER_NAME).any())
 
@@ -306,6 +345,8 @@ class Candidates:
         lead = pairs[0].fit
         present = {e.key for e in lead.hypothesis.effects}
         spare = [s for s in screened[:PARTNERS] if s.effect.key not in present][:3]
+        if lead.hypothesis.size > MANY_PARAMETERS:
+            spare = []  # what was begun together has been looked at together
         extra = []
         for position in range(len(lead.hypothesis.effects) - 1):
             sizes = [len(e.parameters) for e in lead.hypothesis.effects]
@@ -343,3 +384,11 @@ class Candidates:
         """Report progress: ``share`` of a stage is done."""
         if self._progress:
             self._progress(stage, share)
+
+
+def _parts(effect: Effect, spoken: Sequence[str]) -> list[str]:
+    """The parts of an effect's site of which there is one of ``spoken``, parameter by parameter; else none."""
+    if len(effect.parameters) == 1:
+        return [effect.site.name] if effect.site.name in spoken else []
+    found = [max((s for s in spoken if p.name.endswith(f"_{s}")), key=len, default="") for p in effect.parameters]
+    return found if all(found) else []

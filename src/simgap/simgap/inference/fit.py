@@ -42,6 +42,11 @@ deviation is left out: neither can it explain a gap, nor can this recording say 
 _ROUNDS, _SETTLED = 6, 2.0
 """Of fitting nuisances, at most; and the gain [nats] of a round below which there is no other."""
 _TRIALS = (1.0, 0.4, 0.12)
+_ENDED = 0.2
+"""[nats] A fit ends when a step gains less."""
+_REUSED = 4
+"""With so many parameters or more, what a step taught about sensitivities stands in for new ones while it foresees at
+least half of what the next step gains."""
 _STRETCHES = 6
 """A parameter that grows takes so many values over a recording."""
 
@@ -49,11 +54,12 @@ _STRETCHES = 6
 class Fitter:
     """Fits hypotheses on one recording. Nuisance sensitivities are shared by all fits and refreshed on demand."""
 
-    def __init__(self, residuals: Residuals, nuisances: Sequence[Nuisance]) -> None:
+    def __init__(self, residuals: Residuals, nuisances: Sequence[Nuisance], base: Variant | None = None) -> None:
+        """``base``: the model beside which hypotheses stand; the plant's own where None."""
         self.residuals, self.nuisances = residuals, list(nuisances)
         self.left_out: list[Nuisance] = []
         self.windows = residuals.replayer.windows
-        self.base = Variant.nominal(residuals.replayer.plant)
+        self.base = base or Variant.nominal(residuals.replayer.plant)
         self.count = np.maximum(residuals.mask.sum(axis=1), 1).astype(float)
         self.recorded: NDArray[np.bool_] = np.asarray(residuals.mask.any(axis=1))
         self.likelihood = Likelihood(self.recorded, np.full(residuals.mask.shape[2], 4.0))
@@ -256,11 +262,11 @@ class Fitter:
 
         An effect and the nuisances that can imitate it form a long narrow valley; more rounds follow it further.
         """
-        kept = self.jacobian.copy()
+        kept, fit = self.jacobian.copy(), self.complete(fit)
         strained = fit.prior > _STRAINED
         for _ in range(rounds):
             self.refresh(fit.hypothesis, fit.x, fit.z, fit.residual, self.moved(fit))
-            better = self.fit(fit.hypothesis, fit.x, fit.z, 4, fit.residual)
+            better = self.fit(fit.hypothesis, fit.x, fit.z, 4, fit.residual, slope=fit.effect_jacobian)
             if strained:
                 # From the other end of the valley: nuisances at rest, the effect as large as it is.
                 rested = self.fit(fit.hypothesis, fit.x, np.zeros_like(fit.z), 4)
@@ -281,22 +287,26 @@ class Fitter:
         known: Array | None = None,
         select: Ints | None = None,
         box: float = BOX,
+        slope: Array | None = None,
+        roughly: bool = False,
     ) -> Fit:
         """Gauss-Newton with line search from (x, z) on all (or selected) windows; the fit is evaluated on all of them.
 
-        ``known`` is the residual at (x, z), where it has been computed.
+        ``known`` is the residual at (x, z) and ``slope`` its change by the effects' parameters, where computed.
+        ``roughly``: the fit's own sensitivities are left to `complete`.
         """
         low, high = hypothesis.scaled(hypothesis.vector("low")), hypothesis.scaled(hypothesis.vector("high"))
         neutral = hypothesis.scaled(hypothesis.vector("neutral"))
         x, z = hypothesis.values(hypothesis.scaled(x)), z.copy()
         residual = self.replay(hypothesis, [(x, z)], select)[0] if known is None else known
         cost = self._cost(residual, z, select)
-        jacobian = np.zeros((len(x), *residual.shape))
-        fresh, shared = False, self.jacobian
+        jacobian = np.zeros((len(x), *residual.shape)) if slope is None else slope
+        fresh, stale, shared = slope is not None, slope is None, self.jacobian
         if select is not None:
             self.jacobian = self.jacobian[:, select]
         for _ in range(iterations):
-            jacobian, fresh = self.sensitivities(hypothesis, x, z, residual, select), True
+            if stale or (len(x) < _REUSED and not fresh):
+                jacobian, fresh, stale = self.sensitivities(hypothesis, x, z, residual, select), True, False
             u = hypothesis.scaled(x)
             reach = 3.0 + np.abs(u - neutral)
             bounds = np.maximum(low - u, -reach), np.minimum(high - u, reach)
@@ -308,32 +318,43 @@ class Fitter:
                 if new_cost < cost:
                     break
             else:
-                break
-            gain, cost = cost - new_cost, new_cost
+                if fresh:
+                    break
+                stale = True
+                continue
             moved_x, moved_z = hypothesis.scaled(point[0]) - u, point[1] - z
-            missed = tried - residual - np.tensordot(moved_x, jacobian, 1) - np.tensordot(moved_z, self.jacobian, 1)
-            length = float(moved_x @ moved_x + moved_z @ moved_z)
+            foreseen = residual + np.tensordot(moved_x, jacobian, 1) + np.tensordot(moved_z, self.jacobian, 1)
+            gain, hoped = cost - new_cost, cost - self._cost(foreseen, point[1], select)
+            missed, length = tried - foreseen, float(moved_x @ moved_x + moved_z @ moved_z)
             if length > 0:
                 # Broyden: what the step taught about the sensitivities is kept for this fit.
                 update = (moved_z / length).astype(np.float32)[:, None, None, None] * missed.astype(np.float32)
                 self.jacobian = self.jacobian + update
-            (x, z), residual, fresh = point, tried, False
-            if gain < 0.2:
+                jacobian = jacobian + (moved_x / length)[:, None, None, None] * missed
+            (x, z), residual, cost = point, tried, new_cost
+            if gain < _ENDED and (fresh or len(x) < _REUSED):
+                fresh = False
                 break
+            fresh, stale = False, gain < max(0.5 * hoped, _ENDED)
         self.jacobian = shared
         if select is not None:
             residual, fresh = self.replay(hypothesis, [(x, z)])[0], False
             cost = self._cost(residual, z)
-        if len(x) and not fresh:
-            jacobian = self.sensitivities(hypothesis, x, z, residual)
-        return Fit(hypothesis, x, z, cost, residual, jacobian)
+        fit = Fit(hypothesis, x, z, cost, residual, jacobian if fresh else jacobian[:0])
+        return fit if roughly else self.complete(fit)
+
+    def complete(self, fit: Fit) -> Fit:
+        """A fit with its effects' sensitivities in all windows, computed where they are not there."""
+        if len(fit.effect_jacobian) != len(fit.x):
+            fit.effect_jacobian = self.sensitivities(fit.hypothesis, fit.x, fit.z, fit.residual)
+        return fit
 
     def cross_validate(self, fit: Fit) -> Fit:
         """Score every held-out window with a fit that has not seen its fold; adds held, fold_x and covariance.
 
         Each fold's fit is one Gauss-Newton step from the common one, taken as far as the windows outside the fold like.
         """
-        hypothesis, fold = fit.hypothesis, self.windows.fold
+        hypothesis, fold = self.complete(fit).hypothesis, self.windows.fold
         u = hypothesis.scaled(fit.x)
         low, high = (hypothesis.scaled(hypothesis.vector(end)) for end in ("low", "high"))
         bounds = np.maximum(low - u, -2.0), np.minimum(high - u, 2.0)

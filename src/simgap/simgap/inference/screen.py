@@ -51,9 +51,11 @@ class Screened:
 def informative_windows(fitter: Fitter, fit: Fit, count: int = WINDOWS) -> Ints:
     """Windows spread over the recording: in each stretch the one with the largest gap.
 
-    ``count`` is that of windows of the usual length; of shorter ones there are more.
+    ``count`` is that of windows of the usual length; of shorter ones there are more, of longer ones fewer, so that as
+    many seconds are looked at.
     """
-    count = round(count * max(HORIZON / (fitter.windows.length * fitter.residuals.replayer.aligned.period), 1.0))
+    length = fitter.windows.length * fitter.residuals.replayer.aligned.period
+    count = max(round(count * HORIZON / length), min(count, _FEWEST))
     square = fitter.mean_square(fit.residual)
     size = np.log1p(square).sum(axis=1)
     if len(size) <= count:

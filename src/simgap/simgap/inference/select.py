@@ -11,13 +11,23 @@ from numpy.typing import NDArray
 from simgap.effects.base import Effect
 from simgap.effects.growing import MIN_DURATION, Growing
 from simgap.inference.budget import Budget, OutOfTimeError
-from simgap.inference.candidates import FAVOURITES, Candidates, Effort, Hint, Progress, by_score
+from simgap.inference.candidates import (
+    FAVOURITES,
+    FIT_WINDOWS,
+    MANY_PARAMETERS,
+    Candidates,
+    Effort,
+    Hint,
+    Progress,
+    by_score,
+)
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Hypothesis
 from simgap.inference.model_selection import (
     EVIDENCE,
     EVIDENCE_MORE,
     FINALISTS,
+    FURTHER,
     UNEXPLAINED,
     earns,
     indistinct,
@@ -27,7 +37,7 @@ from simgap.inference.model_selection import (
 )
 from simgap.inference.nuisance import BOX
 from simgap.inference.scores import Scored, Scores
-from simgap.inference.screen import Screened
+from simgap.inference.screen import Screened, informative_windows
 
 Array = NDArray[np.float64]
 
@@ -35,6 +45,8 @@ ENOUGH = 1.2
 """[noise floors] With no more left than that in a typical window, and no nominal number at the end of its box, no
 further effect is looked for."""
 
+_FAR_BEHIND = 5.0
+"""Times what a further effect must earn [nats] by which, in sample, a set without one of its effects is hopeless."""
 REPEATED = 1.0
 """[noise floors] With no more left than that in any channel, nominal numbers predict the robot as well as repeating the
 experiment does, and no effect is looked for: what is finer than the noise shows in how it was estimated."""
@@ -51,6 +63,8 @@ class Selection:
         singles, rivals: scored fits, best first; rivals are those of the winner's size.
         gains: (mean, 5 %, 95 %) of the score that each accepted effect earned when it was added.
         unrivalled: further effects that took far more than any other would have in their place.
+        rejected: (names of the effects, nats that it gained, nats that were asked) of the best further effect that was
+            looked at and did not earn its place.
     """
 
     reference: Scored
@@ -61,6 +75,7 @@ class Selection:
     gains: list[tuple[float, float, float]] = field(default_factory=list)
     screened: list[Screened] = field(default_factory=list)
     unrivalled: set[str] = field(default_factory=set)
+    rejected: tuple[str, float, float] | None = None
 
 
 class Selector:
@@ -100,7 +115,10 @@ class Selector:
         reference = self.scores.scored(fitter.cross_validate(fitter.fit_nuisances()))
         self._found = Selection(reference, self._nominal_gap(), reference)
         try:
-            found = self._compete(reference)
+            begun = self._begun_near(self._found)
+            found = self._compete(reference, begun)
+            if begun is not None:
+                found = self._compared(begun, found)
         except OutOfTimeError as spent:
             self.budget.ended(str(spent))
             found = self._hurried()
@@ -109,6 +127,27 @@ class Selector:
             if not self.budget.left_out:
                 self._grow(found)
         return found
+
+    def _begun_near(self, result: Selection) -> Selection | None:
+        """Begun with all that single parts speak for, together: real robots have several causes, each cheap alone."""
+        first = self.candidates.together(self._hints, result.reference)
+        if first is None:
+            return None
+        several = len(first.fit.hypothesis.effects)
+        # So many sets of so many effects could have been spoken for.
+        if not earns(self.scores, result.reference, first, len(self.effects) ** several):
+            return None
+        gain = self.scores.difference(result.reference.fit, first.fit)
+        found = replace(result, best=first, singles=[], rivals=[first], gains=[gain], unrivalled=set())
+        self._drop(found)
+        self._keep(found)
+        return found
+
+    @staticmethod
+    def _better(one: Selection, other: Selection) -> bool:
+        """Whether a selection is to be preferred; one with more effects has to be so by more."""
+        more = len(one.best.fit.hypothesis.effects) > len(other.best.fit.hypothesis.effects)
+        return one.best.score < other.best.score - (EVIDENCE_MORE if more else EVIDENCE)
 
     def _nominal_gap(self) -> float:
         """Gap of the nominal model as it is, and its mean squares, as starts are judged now."""
@@ -133,13 +172,29 @@ class Selector:
         if result.best.score <= self._found.best.score:
             self._found = replace(result)
 
-    def _compete(self, reference: Scored) -> Selection:
+    def _compared(self, begun: Selection, found: Selection) -> Selection:
+        """The better of what was begun with single parts, scored as the others are by now, and what was found."""
+        old = begun.best.fit
+        again = self.fitter.fit(old.hypothesis, old.x, old.z, iterations=1)
+        best = self.candidates.to_the_end(self.scores.scored(self.fitter.polish(again)))
+        gain = self.scores.difference(found.reference.fit, best.fit)
+        rivals = sorted([best, *(s for s in found.singles if s.key != best.key)], key=by_score)
+        other = replace(found, best=best, rivals=rivals, gains=[gain], unrivalled=set())
+        while len(other.best.fit.hypothesis.effects) <= self._effort.max_effects:
+            if self.scores.typical(other.best.fit.held) < ENOUGH or not self.add(other, found.screened):
+                break
+        self._drop(other)
+        return other if self._better(other, found) else found
+
+    def _compete(self, reference: Scored, begun: Selection | None) -> Selection:
         screened = self.candidates.screened_about_nominal()
         self._found.screened = screened
         starts = [(s.effect, s.x, s.z) for s in screened[: self._effort.survivors]]
         singles = self.candidates.fitted([*self.candidates.hinted(self._hints), *starts], reference)
         self._found.singles = singles
-        singles, reference = self.candidates.finals(singles, reference, screened[:FAVOURITES])
+        singles, reference = self.candidates.finals(
+            singles, reference, screened[:FAVOURITES], [begun.best.fit] if begun else []
+        )
         gap = self._nominal_gap()
         result = replace(self._found, reference=reference, nominal_gap=gap, best=reference, singles=singles)
         self._found = replace(result)
@@ -193,9 +248,7 @@ class Selector:
             if not earns(self.scores, result.reference, first, len(self.effects)):
                 continue
             other = self._forward(result, result.singles, first, screened)
-            more = len(other.best.fit.hypothesis.effects) > len(found.best.fit.hypothesis.effects)
-            better = other.best.score < found.best.score - (EVIDENCE_MORE if more else EVIDENCE)
-            found, left = (other, found) if better else (found, other)
+            found, left = (other, found) if self._better(other, found) else (found, other)
             if len(left.best.fit.hypothesis.effects) == len(found.best.fit.hypothesis.effects):
                 known = {r.key for r in found.rivals}
                 found.rivals = sorted([*found.rivals, *(r for r in left.rivals if r.key not in known)], key=by_score)
@@ -224,7 +277,11 @@ class Selector:
         others, unrivalled = sum(e.key not in present for e in self.effects), stands_out(base.fit, best.fit, pairs)
         first = result.gains[0][0] if result.gains else np.inf
         if not earns(self.scores, base, best, others, unrivalled, first):
+            added = " + ".join(sorted({e.key for e in best.fit.hypothesis.effects} - present))
+            asked = max(EVIDENCE_MORE + np.log(max(others, 1)), FURTHER * first if np.isfinite(first) else 0.0)
+            result.rejected = added, self.scores.difference(base.fit, best.fit)[0], float(asked)
             return False
+        result.rejected = None
         if unrivalled:
             result.unrivalled |= {e.key for e in best.fit.hypothesis.effects} - present
         result.gains.append(self.scores.difference(base.fit, best.fit))
@@ -243,7 +300,11 @@ class Selector:
                 self.candidates.say("drop", i / len(full.hypothesis.effects))
                 rest = tuple(e for e in full.hypothesis.effects if e is not effect)
                 x = np.delete(full.x, np.arange(starts[i], starts[i + 1]))
-                without.append(self.scores.scored(self.fitter.polish(self.fitter.fit(Hypothesis(rest), x, full.z))))
+                select = informative_windows(self.fitter, full, FIT_WINDOWS) if len(x) > MANY_PARAMETERS else None
+                fit = self.fitter.fit(Hypothesis(rest), x, full.z, select=select)
+                # What lacks so much is not brought back by fitting on.
+                far = fit.cost - full.cost > _FAR_BEHIND * EVIDENCE_MORE
+                without.append(self.scores.scored((self.fitter.cross_validate if far else self.fitter.polish)(fit)))
             simpler = min(without, key=by_score)
             lost = {e.key for e in full.hypothesis.effects} - {e.key for e in simpler.fit.hypothesis.effects}
             first = self.scores.difference(result.reference.fit, simpler.fit)[0]

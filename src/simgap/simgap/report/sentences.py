@@ -50,7 +50,8 @@ def title(report: Report) -> str:
 
 def sentences(report: Report) -> list[str]:
     """Where, what, how far in short windows and running free; what is left; which numbers sit at their limits."""
-    return [s for s in (where(report), what(report), how_far(report), free(report), left(report), limits(report)) if s]
+    parts = (where, what, how_far, free, agreed, left, beside, limits)
+    return [text for part in parts if (text := part(report))]
 
 
 def where(report: Report) -> str:
@@ -73,6 +74,8 @@ def where(report: Report) -> str:
 def what(report: Report) -> str:
     """Which effect of which size, or why none can be named."""
     verdict = report["verdict"]
+    if verdict == "no_gap" and report.get("reference"):
+        return "Nothing has changed since the robot was well that would show in this recording."
     if verdict == "no_gap":
         return "No known effect predicts the held-out data better than the tolerances of the model already do."
     if verdict == "calibration":
@@ -132,16 +135,21 @@ def _effect(effect: dict[str, Any]) -> str:
 
 def how_far(report: Report) -> str:
     """How the held-out gap shrinks."""
-    gap = report["gap"]
+    gap, well = report["gap"], report.get("reference")
+    unit, best = (
+        ("what the model misses of the healthy robot", "nothing is new")
+        if well
+        else ("the noise floor", "is as good as repeating it")
+    )
     if report["verdict"] == "no_gap":
-        return f"The gap on held-out data is {gap['before']:.1f} times the noise floor; 1 is as good as repeating it."
+        return f"The gap on held-out data is {gap['before']:.1f} times {unit}; 1 {'means that ' if well else ''}{best}."
     low, high = gap["ci90"]
     # A change for the worse is said as such.
     change = f"shrinks by {percent(gap['shrink'])}" if gap["shrink"] >= 0 else f"grows by {percent(-gap['shrink'])}"
     text = (
         f"On data that was not used to fit, the gap {change} (90 % between {percent(low)} and {percent(high)}): "
-        f"from {gap['before']:.1f} to {gap['after']:.1f} times the noise floor, where 1 is as good as repeating the "
-        "experiment"
+        f"from {gap['before']:.1f} to {gap['after']:.1f} times {unit}, where 1 "
+        + ("means that nothing is new" if well else "is as good as repeating the experiment")
     )
     return text + (", which is the best that anything known does." if report["verdict"] == "unknown" else ".")
 
@@ -168,6 +176,23 @@ def free(report: Report) -> str:
 def left(report: Report) -> str:
     """What is left and what it goes with."""
     return "" if report["verdict"] == "no_gap" else str(report["remainder"]["sentence"])
+
+
+def agreed(report: Report) -> str:
+    """Whether runs, or halves of the recording, say the same."""
+    return str(report["agreement"]["sentence"]) if report.get("agreement") else ""
+
+
+def beside(report: Report) -> str:
+    """The best further cause that was looked at and is not named; none that gained nothing."""
+    row = report.get("rejected")
+    if not row or row["gap_gain"] <= 0.0 or not report["effects"]:
+        return ""
+    names = " and ".join(plain(key) for key in row["effects"])
+    return (
+        f"Beside it {names} would gain most, {row['gap_gain']:.0f} nats where {row['asked']:.0f} and a good share of "
+        "what is left are asked of a further cause, and is not named."
+    )
 
 
 def limits(report: Report) -> str:

@@ -13,6 +13,8 @@ _ONSET = 1e-4
 
 def colliding(model: mujoco.MjModel) -> tuple[list[int], list[int]]:
     """(geoms of the world, geoms of moving bodies) that can touch each other."""
+    if model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT):
+        return [], []
     active = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     still = model.body_weldid[model.geom_bodyid] == 0
     world, moving = np.flatnonzero(active & still), np.flatnonzero(active & ~still)

@@ -73,9 +73,10 @@ class Replayer:
         self._steps = int(np.ceil(self._times[-1] / dt)) + 2
         self._run_start = np.zeros(len(windows), np.int64)
         self._run_stop = np.zeros(len(windows), np.int64)
+        self._setup = np.zeros(len(windows), np.int64)
         for run in aligned.runs:
             inside = (windows.start >= run.start) & (windows.start < run.stop)
-            self._run_start[inside], self._run_stop[inside] = run.start, run.stop
+            self._run_start[inside], self._run_stop[inside], self._setup[inside] = run.start, run.stop, run.setup
         self.state = self._measured(OutputPath.neutral(plant))
         self._always_on = bool(aligned.enabled.all())
         self._start: Array | None = None
@@ -108,6 +109,7 @@ class Replayer:
         ``shift`` and ``rate_shift`` (n, state.size) are added to the measured coordinates and rates where a window
         starts; a measured base comes last, as position, rotation about its own axes, and twist.
         """
+        variants, which = self._set_up(variants, which, window)
         rows, shared_inputs, shared_states = self._prepare(variants)
         out = np.empty((len(which), len(self.windows.sample), len(self.plant.outputs)))
         per_sim = 8.0 * self._steps * (self.plant.model.nsensordata + self.plant.model.nu + self.plant.model.nv)
@@ -128,12 +130,21 @@ class Replayer:
 
     def probe(self, variant: Variant, fields: Sequence[str]) -> dict[str, Array]:
         """Fields of MjData over the scored part of all windows, {field: (samples, size)}."""
-        rows, shared_inputs, shared_states = self._prepare([variant])
         kept: dict[str, list[Array]] = {f: [] for f in fields}
-        which, window = np.zeros(len(self.windows), np.int64), np.arange(len(self.windows))
+        window = np.arange(len(self.windows))
+        variants, which = self._set_up([variant], np.zeros(len(self.windows), np.int64), window)
+        rows, shared_inputs, shared_states = self._prepare(variants)
         with quiet_mujoco():
-            self._chunk([variant], rows, shared_inputs, shared_states, which, window, None, None, _REMEMBERS, kept)
+            self._chunk(variants, rows, shared_inputs, shared_states, which, window, None, None, _REMEMBERS, kept)
         return {f: np.nan_to_num(np.concatenate(v)) for f, v in kept.items()}
+
+    def _set_up(self, variants: Sequence[Variant], which: Ints, window: Ints) -> tuple[Sequence[Variant], Ints]:
+        """Variants as each window's run has them, where runs differ, and which of these a pair takes."""
+        if not self._setup.any():
+            return variants, which
+        used, mine = np.unique(self._setup, return_inverse=True)
+        made = [variant.set_up(self.plant.setups[k]) for variant in variants for k in used]
+        return made, len(used) * which + mine[window]
 
     # -- preparation ---------------------------------------------------------------------------------------------
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.data.plant import Plant
+from simgap.data.setup import Setup
 
 Array = NDArray[np.float64]
 
@@ -149,6 +150,14 @@ class Variant:
             FrictionPath.neutral(plant),
             OutputPath.neutral(plant),
         )
+
+    def set_up(self, setup: Setup) -> Variant:
+        """The same as some runs have it."""
+        if not setup.changes:
+            return self
+        made = self.copy()
+        setup.apply(made.model)
+        return made
 
     def copy(self) -> Variant:
         """An independent copy."""

@@ -139,8 +139,10 @@ def cut(
     A window that would begin in an ``avoided`` row (n,) begins later, by three of its lengths at most.
 
     Where the recording names runs to be held out, these are the one fold and all others are only fitted. Otherwise
-    blocks of neighbouring windows go to FOLDS folds in turn, so that each fold sees the whole recording and no sample
-    is scored by a fit that has seen its neighbours; the warm-up is the gap between blocks.
+    whole runs go to FOLDS folds in turn where there are as many, none of them half of all, so that what is scored was
+    recorded at another time, with other gains or another payload. Of fewer runs it is blocks of neighbouring windows,
+    so that each fold sees the whole recording and no sample is scored by a fit that has seen its neighbours; the
+    warm-up is the gap between blocks.
 
     Raises:
         GapInputError: fewer than two blocks for each fold.
@@ -151,6 +153,7 @@ def cut(
     starts: list[int] = []
     blocks: list[int] = []
     folds: list[int] = []
+    labels: list[float] = []
     number = -1
     for run in aligned.runs:
         held = run.label in aligned.held_out
@@ -169,6 +172,7 @@ def cut(
                     break
             starts.append(position)
             blocks.append(number)
+            labels.append(run.label)
             folds.append((0 if held else -1) if aligned.held_out else number % FOLDS)
             position, inside = position + length, inside + 1
     if len(starts) > most:
@@ -177,10 +181,13 @@ def cut(
         kept = {numbers[i] for i in np.linspace(0, len(numbers) - 1, count).round().astype(int)}
         keep = [i for i, b in enumerate(blocks) if b in kept]
         starts, blocks, folds = ([values[i] for i in keep] for values in (starts, blocks, folds))
+        labels = [labels[i] for i in keep]
     block = np.unique(np.array(blocks, np.int64), return_inverse=True)[1].astype(np.int64)
     fold = np.array(folds, np.int64)
     if not aligned.held_out and len(fold):
-        fold = block % FOLDS
+        known, own, times = np.unique(labels, return_inverse=True, return_counts=True)
+        by_run = len(known) >= FOLDS and times.max() <= 0.5 * len(fold)
+        fold = (own if by_run else block).astype(np.int64) % FOLDS
     for f in range(int(fold.max(initial=0)) + 1):
         inside, outside = (len(set(block[m].tolist())) for m in (fold == f, fold != f))
         if inside < 1 or outside < 1:

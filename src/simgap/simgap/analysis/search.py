@@ -1,0 +1,126 @@
+"""From recordings to the competition's outcome: what is compared, what may be off, and which causes are looked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.analysis import self_contact, torque_balance
+from simgap.analysis.borders import Border, borders, hints
+from simgap.analysis.input_checks import check_map, check_replay
+from simgap.analysis.options import Options
+from simgap.analysis.torque_balance import Balance
+from simgap.data.align import Aligned, align
+from simgap.data.excitation import still_joints
+from simgap.data.noise_floor import noise_floor
+from simgap.data.plant import Plant
+from simgap.data.recording import Recording, concatenate
+from simgap.effects.base import Context
+from simgap.effects.library import enumerate_effects
+from simgap.inference.budget import Budget
+from simgap.inference.candidates import Effort
+from simgap.inference.fit import Fitter
+from simgap.inference.healthy import Healthy
+from simgap.inference.residual import Residuals
+from simgap.inference.select import Selection, Selector
+from simgap.inference.stochastic_link import Chance
+from simgap.simulation.horizon import forgets, usable_horizon
+from simgap.simulation.integration import finer
+from simgap.simulation.replay import Replayer
+from simgap.simulation.scales import measure_scales
+from simgap.simulation.state import measured_state
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import HORIZON, HORIZON_HEAVY, LIGHT, affordable, at_limit, cut, longer
+
+Array = NDArray[np.float64]
+
+HEAVY = Effort(hopeful=20, survivors=5, finalists=3, leaders=1, rounds=1, partners=4, max_effects=2, sought=60)
+"""Of models with more than LIGHT degrees of freedom, which take a hundred times longer to replay than a pendulum."""
+
+
+@dataclass
+class Search:
+    """A competition with what it was held on.
+
+    Attributes:
+        floor: (no,) noise floor of the outputs; where the robot was seen well, what the model missed of it then.
+        near, balances: what single parts say by themselves.
+        warnings: in sentences.
+    """
+
+    plant: Plant
+    aligned: Aligned
+    floor: Array
+    fitter: Fitter
+    selector: Selector
+    selection: Selection
+    near: list[Border]
+    balances: list[Balance]
+    warnings: list[str]
+
+
+def search(
+    recordings: Sequence[Recording], plant: Plant, options: Options, budget: Budget, healthy: Healthy | None = None
+) -> Search:
+    """Hold the competition of causes.
+
+    Raises:
+        GapInputError: the recordings cannot be used, or contradict the map.
+    """
+    aligned = align(concatenate(list(recordings)), plant)
+    floor = np.maximum(noise_floor(aligned), [options.resolution.get(o.name, 0.0) for o in plant.outputs])
+    warnings = [*plant.warnings, *aligned.warnings]
+    state = measured_state(plant, aligned, floor)
+    warnings += [*check_map(plant, aligned, state), *self_contact.warnings(plant, state)]
+    warnings += [
+        f"joint {name} hardly moves: this recording says nothing about it"
+        for name in still_joints(plant, aligned, floor)
+    ]
+    plant = finer(self_contact.without_needless_contacts(plant, state), options.finer)
+    nominal = Variant.nominal(plant)
+    if healthy is not None:
+        nominal, floor = healthy.base, floor * healthy.scale
+        plant = nominal.plant
+    replayer = _replayer(plant, aligned, floor, nominal, options)
+    windows = replayer.windows
+    context = Context(plant, measure_scales(replayer, nominal), options.groups)
+    effects = enumerate_effects(context, options.extra_effects, options.only)
+    if options.keep is not None:
+        effects = [effect for effect in effects if options.keep(effect)]
+    size = np.sqrt((aligned.inputs**2).mean(axis=0))
+    nuisances = options.nuisances(plant, aligned.outputs.std(axis=0), size, aligned.period)
+    if healthy is not None:
+        nuisances = [healthy.narrowed(n) for n in nuisances]
+    check_replay(plant, aligned.outputs[windows.rows()], replayer.run([nominal])[0])
+    residuals = Residuals.build(replayer, nominal)
+    fitter = Fitter(residuals, nuisances, nominal)
+    effort = options.effort or (HEAVY if plant.model.nv > LIGHT else Effort())
+    near, balanced = borders(plant, aligned, floor), torque_balance.balances(plant, aligned, state)
+    spoken = [*torque_balance.hints(balanced), *hints(near)]
+    selector = Selector(fitter, effects, options.seed, options.progress, effort, budget, spoken)
+    selection = selector.run()
+    if not budget.left_out:
+        Chance(selector).reconsider(selection, thorough=plant.model.nv <= LIGHT)
+    return Search(plant, aligned, floor, fitter, selector, selection, near, balanced, warnings)
+
+
+def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, options: Options) -> Replayer:
+    """A replayer of windows as long as this robot lets them be."""
+    most = options.max_windows or affordable(plant.model)
+    longest = options.horizon or (HORIZON if plant.model.nv <= LIGHT else HORIZON_HEAVY)
+    avoided = at_limit(aligned, floor)
+    made = Replayer(plant, aligned, cut(aligned, longest, options.warm_up, most, avoided), floor, options.threads)
+    horizon = usable_horizon(made, nominal)
+    if horizon > 0.9 * longest:
+        further = longer(aligned, options.warm_up)
+        if options.horizon or longest < HORIZON or further <= longest or not forgets(made, nominal):
+            return made
+        # Twice the seconds, for a steady error shows once in each.
+        windows = cut(aligned, further, options.warm_up, round(2.0 * most * longest / further), avoided)
+        return Replayer(plant, aligned, windows, floor, options.threads)
+    # As many seconds of motion in shorter windows.
+    windows = cut(aligned, horizon, options.warm_up, round(most * longest / horizon), avoided)
+    return Replayer(plant, aligned, windows, floor, options.threads)

@@ -1,0 +1,73 @@
+"""The robot as it was when it was well: what a fault is looked for beside.
+
+A robot's difference from its model is mostly constant. What nominal numbers, constant causes and the discrepancy of
+each channel are is learnt from recordings of the healthy robot; what is new since then is the fault.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Fit
+from simgap.inference.nuisance import Nuisance
+from simgap.simulation.variant import Variant
+
+Array = NDArray[np.float64]
+
+_LEAST = 0.1
+"""Share of its prior's width that a nominal number keeps, however well the healthy robot tells it: it drifts."""
+_OF_A_LOG = ("timing", "zero")
+"""First words of nominal numbers that belong to a log (its clock, its sensors' zeros at power-up), not to the robot."""
+
+
+@dataclass(frozen=True)
+class Healthy:
+    """What was learnt.
+
+    Attributes:
+        base: the model of the healthy robot, with all that was found constant.
+        known: standard error of each nominal number, by name, in standard deviations of its prior.
+        scale: (no,) how many noise floors the healthy robot leaves in each output, at least 1.
+        report: for `reference` of the report.
+    """
+
+    base: Variant
+    known: dict[str, float]
+    scale: Array
+    report: dict[str, Any]
+
+    def narrowed(self, nuisance: Nuisance) -> Nuisance:
+        """A nominal number about what it was, as well as it is known."""
+        if nuisance.name.split()[0] in _OF_A_LOG:
+            return nuisance
+        share = float(np.clip(np.sqrt(2.0) * self.known.get(nuisance.name, 1.0), _LEAST, 1.0))
+        number = nuisance.number and replace(nuisance.number, spread=share * nuisance.number.spread)
+        return Nuisance(nuisance.name, lambda variant, z: nuisance.apply(variant, share * z), number)
+
+
+def healthy(fitter: Fitter, fit: Fit, report: dict[str, Any]) -> Healthy:
+    """What a fit to the healthy robot says; ``report`` is passed on."""
+    base = fitter.variant(fit.hypothesis, fit.x, fit.z)
+    plant = replace(base.plant, model=base.model)
+    square = fitter.mean_square(fit.residual)
+    scale = np.ones(len(plant.outputs))
+    scale[fitter.residuals.live] = np.sqrt(fitter.likelihood.scale(square))
+    deviation = np.sqrt(np.diag(_covariance(fitter, fit)))
+    known = {n.name: float(sd) for n, sd in zip(fitter.nuisances, deviation, strict=True)}
+    return Healthy(replace(base, plant=plant), known, scale, report)
+
+
+def _covariance(fitter: Fitter, fit: Fit) -> Array:
+    """Of the nominal numbers (nn, nn), beside the effects."""
+    ne = len(fit.x)
+    weights = fitter.weights(fitter.mean_square(fit.residual))
+    root = np.broadcast_to(np.sqrt(weights)[:, None, :], fit.residual.shape).reshape(-1)
+    rows = np.concatenate([fit.effect_jacobian, fitter.jacobian]).reshape(ne + len(fit.z), -1) * root
+    normal = rows @ rows.T + np.diag(np.r_[np.full(ne, 1e-6), np.ones(len(fit.z))])
+    found: Array = np.linalg.inv(normal)[ne:, ne:]
+    return found

@@ -1,0 +1,85 @@
+"""Rules that decide what is added and what is said, one by one."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from robots import aligned_of, plant_of, simulate
+
+from simgap.analysis.diagnose import timing_at_its_limit
+from simgap.analysis.self_contact import without_needless_contacts
+from simgap.data.mapping import parse_map
+from simgap.data.plant import build_plant, load_spec
+from simgap.inference.model_selection import EVIDENCE_MORE, FURTHER, earns
+from simgap.inference.nuisance import BOX, enumerate_nuisances
+from simgap.simulation.contacts import colliding
+from simgap.simulation.state import measured_state
+
+
+def _scored(effects: int) -> Any:
+    fit = SimpleNamespace(
+        hypothesis=SimpleNamespace(effects=[None] * effects),
+        prior=0.0,
+        strained=[],
+        likelihood=None,
+        cost=0.0,
+        held=None,
+    )
+    return SimpleNamespace(fit=fit, gap=1.0)
+
+
+@pytest.mark.parametrize(("gain", "first", "earned"), [(40.0, 300.0, True), (40.0, 500.0, False), (15.0, 100.0, False)])
+def test_a_further_cause_may_earn_a_tenth_of_the_first(gain: float, first: float, earned: bool) -> None:
+    """It leaves much: the share of what is left that it takes is small."""
+    scores = cast(
+        Any,
+        SimpleNamespace(
+            difference=lambda worse, better: (gain, 0.5 * gain, 2.0 * gain),
+            typical=lambda held: 20.0,
+            overall=lambda held: 20.0,
+        ),
+    )
+    without, with_ = _scored(1), _scored(2)
+    without.fit.cost, with_.fit.cost = gain, 0.0
+    assert (FURTHER, EVIDENCE_MORE) == (0.1, 16.0), "the cases are written for these"
+    assert earns(scores, without, with_, looked_at=10, first=first) == earned
+
+
+@pytest.mark.parametrize(("z", "said"), [(BOX, "+"), (-BOX, "-"), (0.9 * BOX, "")])
+def test_timing_that_sits_at_its_limit_is_said_with_its_size(z: float, said: str) -> None:
+    plant = plant_of("arm")
+    nuisances = enumerate_nuisances(plant, np.ones(2), np.ones(2), 0.005)
+    values = np.array([z if n.name == "timing of inputs" else 0.0 for n in nuisances])
+    sentence = timing_at_its_limit(
+        cast(Any, SimpleNamespace(z=values)), cast(Any, SimpleNamespace(nuisances=nuisances))
+    )
+    assert (f"({said}" in sentence and " ms)" in sentence and "link_latency" in sentence) if said else sentence == ""
+
+
+_LEG = """<mujoco><option timestep="0.002"/><worldbody><geom type="plane" size="1 1 .1" pos="0 0 {ground}"/>
+<body name="trunk" pos="0 0 1"><body name="shank"><joint name="knee" axis="0 1 0"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass="0.5"/></body></body></worldbody>
+<actuator><position name="servo" joint="knee" kp="20"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(("ground", "touches"), [(0.0, False), (0.69, True)])
+def test_a_leg_in_the_air_is_replayed_without_contacts_and_one_that_lands_with(
+    tmp_path: Any, ground: float, touches: bool
+) -> None:
+    model = tmp_path / "leg.xml"
+    model.write_text(_LEG.format(ground=ground))
+    mapping = {
+        "time": {"column": "t", "unit": "s"},
+        "inputs": [{"column": "u", "unit": "rad", "actuator": "servo", "kind": "position"}],
+        "outputs": [{"column": "q", "unit": "rad", "joint": "knee", "quantity": "position"}],
+    }
+    plant = build_plant(load_spec(model), parse_map(cast(Any, mapping)))
+    _, aligned, floor = aligned_of("pendulum", simulate("pendulum", 5.0))
+    state = measured_state(plant, aligned, floor)
+    assert colliding(plant.model)[0]
+    quiet = without_needless_contacts(plant, state)
+    assert bool(colliding(quiet.model)[0]) is touches
+    assert colliding(plant.model)[0], "the plant itself is left as it is"
