@@ -14,6 +14,7 @@ from typing import Literal
 from nermo_control.follower import Follower
 from nermo_control.types import Imu
 from nermo_description.parameters import RobotParameters, ServoParameters
+from nermo_description.silence import WALK
 
 GazeMode = Literal["off", "spine", "imu"]
 
@@ -55,7 +56,7 @@ class GazeController:
 
     def __init__(self, robot: RobotParameters, period_ns: int) -> None:
         self._period = period_ns * 1e-9
-        self._timeout = 60 * period_ns
+        self._timeout = round(WALK.after * 1e9)
         self._joints = len(robot.spine.lateral_joints)
         pan, self._tilt = robot.servos["head_pan"], robot.servos.get("head_tilt")
         self._pan = pan

@@ -15,6 +15,7 @@ from nermo_control.turning import TurningModel
 from nermo_control.types import ControlCommand, MotionCommand, Odometry, Posture, TrajectoryMode, TurningStrategy
 from nermo_control.validation import control_command_error
 from nermo_description.parameters import RobotParameters
+from nermo_description.silence import WALK
 
 
 class HighLevelControllerConfig(BaseModel):
@@ -23,7 +24,7 @@ class HighLevelControllerConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     command_timeout: float = Field(
-        0.3,
+        WALK.after,
         ge=0.05,
         le=1.0,
         description="Age at which commands and odometry no longer count",

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from nermo_control.blend import smooth
 from nermo_control.gait.phase import Flags
 from nermo_control.types import Four, Posture
+from nermo_description.blend import smooth
 
 LIFTED_LEG = {
     Posture.LIFT_FRONT_LEFT: 0,

@@ -17,6 +17,7 @@ from nermo_control.legs.kinematics import LegKinematics
 from nermo_control.spine.kinematics import SpineKinematics
 from nermo_control.spine.tendon import SpineTendon
 from nermo_description.parameters import LEGS, RobotParameters
+from nermo_description.silence import WALK
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -24,8 +25,6 @@ Quaternion = tuple[float, float, float, float]
 
 STANDING_WITHIN = 0.002
 """Height above the lowest foot within which a foot stands [m]: a fifth of the swing amplitude of N table A.7."""
-LONGEST_GAP_NS = 300_000_000
-"""After a longer gap between samples nothing is said about what happened in it [ns]."""
 VELOCITY_TIME_CONSTANT = 0.1
 """Of the low pass on the velocities [s]."""
 
@@ -80,7 +79,8 @@ class LegOdometry:
         keeps its last value.
         """
         elapsed = 0.0
-        if self._last_stamp is not None and 0 < stamp - self._last_stamp <= LONGEST_GAP_NS:
+        # After a longer gap nothing is said about what happened in it.
+        if self._last_stamp is not None and 0 < stamp - self._last_stamp <= WALK.after * 1e9:
             elapsed = (stamp - self._last_stamp) * 1e-9
         self._last_stamp = stamp
         self._servos = [

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from nermo_control.blend import smooth
 from nermo_control.gait.foot_locus import Point, locus_curves
 from nermo_control.gait.knowledge_base import GaitDefinition
 from nermo_control.legs.aslp import AslpLeg, AslpSprings
 from nermo_control.oscillators.gaits import CPG_GAITS
 from nermo_control.oscillators.legs import OscillatorLegs, OscillatorSettings
 from nermo_control.types import ControlCommand, Imu, LegLoads, LegStates, MotionOutput, Odometry, Phase, Posture
+from nermo_description.blend import smooth
 from nermo_description.pantograph import PantographLeg, PantographParameters
 from nermo_description.parameters import LEGS
 

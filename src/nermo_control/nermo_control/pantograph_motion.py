@@ -20,6 +20,7 @@ from nermo_control.types import ControlCommand, LegLoads, MotionOutput, Posture
 from nermo_description import ranges
 from nermo_description.pantograph import PantographParameters
 from nermo_description.parameter_files import read_yaml, validate
+from nermo_description.silence import WALK
 
 SLOWEST, FASTEST = 0.1, 5.0
 """Gait frequencies that a command may ask for [Hz]."""
@@ -45,7 +46,7 @@ class PantographMotionConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     silence_timeout: float = Field(
-        0.3,
+        WALK.after,
         ge=0.05,
         le=1.0,
         description="Silence of the command after which the robot stands",

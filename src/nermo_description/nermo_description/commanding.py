@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Hashable
 from typing import Generic, TypeVar
 
-Sender = TypeVar("Sender", bound=Hashable)
+from nermo_description.silence import OWNER
 
-OWNER_SILENCE = 0.5
-"""[s] Longer than any command's time-out, so that the robot has stopped before somebody else begins."""
+Sender = TypeVar("Sender", bound=Hashable)
 
 WALL_CLOCK_FROM = 1_000_000_000 * 10**9
 """[ns] The wall clock passed this in 2001; no simulation runs for 31 years."""
@@ -24,7 +23,7 @@ class Ownership(Generic[Sender]):
     Times are [ns] of a clock that never jumps nor stops, such as the monotonic one.
     """
 
-    def __init__(self, silence: float = OWNER_SILENCE) -> None:
+    def __init__(self, silence: float = OWNER.after) -> None:
         self._silence_ns = round(silence * 1e9)
         self._owner: Sender | None = None
         self._heard_at = 0

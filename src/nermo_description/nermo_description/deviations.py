@@ -1,7 +1,4 @@
-"""What makes one mouse differ from its description: deviations of a robot file, entered into its model.
-
-The names, sites and values are those of `simgap`'s effects, so that a diagnosis can be written down as a robot.
-"""
+"""What makes one mouse differ from its description: deviations of a robot file, entered into its model."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from nermo_description.parameters import Deviation, RobotDescription
+from nermo_description.parameters import RobotDescription
 
 Values = dict[str, float]
 
@@ -22,25 +19,24 @@ def enter_deviations(spec: mujoco.MjSpec, robot: RobotDescription) -> None:
     Raises ValueError for a site that the model has not.
     """
     for number, deviation in enumerate(robot.deviations):
-        kind, enter = _ENTER.get(deviation.effect, ("", None))
-        if enter is None:
+        kind = deviation.kind
+        if kind.site == "world":
+            _ENTER[kind.name](spec, deviation.values)
             continue
-        if kind == "world":
-            enter(spec, deviation.values)
+        elements = [getattr(spec, kind.site)(name) for name in deviation.sites]
+        if None in elements:
+            missing = deviation.sites[elements.index(None)]
+            raise ValueError(f"deviations.{number}.sites: the model of {robot.name} has no {kind.site} {missing!r}")
+        if kind.acts_on == "commands":
             continue
-        for name in deviation.sites:
-            element = getattr(spec, kind)(name)
-            if element is None:
-                raise ValueError(f"deviations.{number}.sites: the model of {robot.name} has no {kind} {name!r}")
-            enter(element, _shared(spec, deviation, kind, name))
+        values = _mass_factor(elements, deviation.values) if kind.name == "mass" else deviation.values
+        for element in elements:
+            _ENTER[kind.name](element, values)
 
 
-def _shared(spec: mujoco.MjSpec, deviation: Deviation, kind: str, name: str) -> Values:
-    """Values at one site; a mass that is added to several bodies is shared out in proportion to theirs."""
-    if deviation.effect != "mass":
-        return deviation.values
-    total = sum(float(spec.body(site).mass) for site in deviation.sites)
-    return {"factor": 1.0 + deviation.values["change"] / total}
+def _mass_factor(bodies: list[mujoco.MjsBody], values: Values) -> Values:
+    """A mass that is added to several bodies is shared out in proportion to theirs."""
+    return {"factor": 1.0 + values["change"] / sum(float(body.mass) for body in bodies)}
 
 
 def _gain(actuator: mujoco.MjsActuator, values: Values) -> None:
@@ -61,11 +57,11 @@ def _friction(joint: mujoco.MjsJoint, values: Values) -> None:
 
 def _damping(joint: mujoco.MjsJoint, values: Values) -> None:
     damping = list(joint.damping)
-    joint.damping = [damping[0] + values["damping"], *damping[1:]]
+    joint.damping = [max(damping[0] + values["damping"], 0.0), *damping[1:]]
 
 
 def _armature(joint: mujoco.MjsJoint, values: Values) -> None:
-    joint.armature += values["inertia"]
+    joint.armature = max(joint.armature + values["inertia"], 0.0)
 
 
 def _stiffness(joint: mujoco.MjsJoint, values: Values) -> None:
@@ -124,23 +120,23 @@ def _slope(spec: mujoco.MjSpec, values: Values) -> None:
     spec.option.gravity = turn @ np.array(spec.option.gravity)
 
 
-_ENTER: dict[str, tuple[str, Callable[..., None]]] = {
-    "servo_gain": ("actuator", _gain),
-    "servo_torque_limit": ("actuator", _torque_limit),
-    "coulomb_friction": ("joint", _friction),
-    "viscous_friction": ("joint", _damping),
-    "joint_damping": ("joint", _damping),
-    "armature": ("joint", _armature),
-    "joint_stiffness": ("joint", _stiffness),
-    "joint_rest_angle": ("joint", _rest_angle),
-    "joint_range": ("joint", _range),
-    "tendon_slack": ("tendon", _slack),
-    "tendon_friction": ("tendon", _routing_friction),
-    "tendon_detached": ("tendon", _detached),
-    "mass": ("body", _mass),
-    "com_shift": ("body", _com),
-    "inertia": ("body", _inertia),
-    "ground_friction": ("geom", _slippery),
-    "foot_compliance": ("geom", _soft),
-    "ground_slope": ("world", _slope),
+_ENTER: dict[str, Callable[..., None]] = {
+    "servo_gain": _gain,
+    "servo_torque_limit": _torque_limit,
+    "coulomb_friction": _friction,
+    "viscous_friction": _damping,
+    "joint_damping": _damping,
+    "armature": _armature,
+    "joint_stiffness": _stiffness,
+    "joint_rest_angle": _rest_angle,
+    "joint_range": _range,
+    "tendon_slack": _slack,
+    "tendon_friction": _routing_friction,
+    "tendon_detached": _detached,
+    "mass": _mass,
+    "com_shift": _com,
+    "inertia": _inertia,
+    "ground_friction": _slippery,
+    "foot_compliance": _soft,
+    "ground_slope": _slope,
 }

@@ -10,6 +10,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from nermo_description.effects import EFFECTS, EffectKind
+
 LEGS = ("front_left", "front_right", "rear_left", "rear_right")
 """The legs, always in this order."""
 
@@ -249,54 +251,34 @@ class ContactParameters(Parameters):
     """Time constant of joint and tendon limits [s]."""
 
 
-DEVIATIONS: dict[str, frozenset[str]] = {
-    "servo_gain": frozenset({"factor"}),
-    "servo_torque_limit": frozenset({"limit"}),
-    "coulomb_friction": frozenset({"friction"}),
-    "viscous_friction": frozenset({"damping"}),
-    "joint_damping": frozenset({"damping"}),
-    "armature": frozenset({"inertia"}),
-    "joint_stiffness": frozenset({"factor"}),
-    "joint_rest_angle": frozenset({"shift"}),
-    "joint_range": frozenset({"lower", "upper"}),
-    "tendon_slack": frozenset({"slack"}),
-    "tendon_friction": frozenset({"friction"}),
-    "tendon_detached": frozenset({"share"}),
-    "mass": frozenset({"change"}),
-    "com_shift": frozenset({"x", "y", "z"}),
-    "inertia": frozenset({"factor"}),
-    "ground_friction": frozenset({"factor"}),
-    "foot_compliance": frozenset({"time_factor"}),
-    "ground_slope": frozenset({"pitch", "roll"}),
-    "servo_delay": frozenset({"delay"}),
-    "servo_offset": frozenset({"offset"}),
-    "servo_rate_limit": frozenset({"limit"}),
-    "servo_dead_band": frozenset({"half_width"}),
-    "servo_backlash": frozenset({"width"}),
-}
-"""Deviations that a robot file may hold, with the names of their values in SI units."""
-
-
 class Deviation(Parameters):
     """One thing in which this very mouse differs from its description, as `nermo gap apply` writes it."""
 
     effect: str
-    """One of DEVIATIONS; the servo effects from `servo_delay` on change the commands, all others the body."""
+    """One of EFFECTS, which says what its sites and values are."""
     sites: tuple[str, ...] = ()
     """Names of the model's actuators, joints, tendons, bodies or geoms."""
     values: dict[str, Finite]
 
     @model_validator(mode="after")
     def _known(self) -> Deviation:
-        if self.effect not in DEVIATIONS:
-            raise ValueError(f"effect {self.effect!r} must be one of {', '.join(DEVIATIONS)}")
-        allowed = DEVIATIONS[self.effect]
-        wrong = set(self.values) - allowed if self.effect == "joint_range" else set(self.values) ^ allowed
-        if wrong or not self.values:
-            raise ValueError(f"values of {self.effect} must be {', '.join(sorted(allowed))}, not {sorted(self.values)}")
-        if not self.sites and self.effect != "ground_slope":
+        if self.effect not in EFFECTS:
+            raise ValueError(f"effect {self.effect!r} must be one of {', '.join(EFFECTS)}")
+        if (wrong := self.kind.error(self.values)) is not None:
+            raise ValueError(wrong)
+        if not self.sites and self.kind.site != "world":
             raise ValueError(f"sites: {self.effect} needs one at least")
         return self
+
+    @classmethod
+    def at(cls, effect: str, *sites: str, **values: float) -> Deviation:
+        """An effect at sites, with its values."""
+        return cls(effect=effect, sites=sites, values=values)
+
+    @property
+    def kind(self) -> EffectKind:
+        """Its row of the catalogue."""
+        return EFFECTS[self.effect]
 
 
 class RobotDescription(Parameters):

@@ -37,7 +37,14 @@ class Range:
         """What is wrong with the value of a field; None where nothing is."""
         if self.lower <= value <= self.upper or (self.or_nan and value != value):
             return None
-        return f"{field} = {value:g} {self.unit}: allowed {self.lower:g} to {self.upper:g} {self.unit}"
+        return f"{field} = {value:g}{self._unit}: allowed {self}"
+
+    def __str__(self) -> str:
+        return f"{self.lower:g} to {self.upper:g}{self._unit}"
+
+    @property
+    def _unit(self) -> str:
+        return "" if self.unit == "1" else f" {self.unit}"
 
     def error_of_any(self, field: str, values: Iterable[float]) -> str | None:
         """The same for each of several values, named by their place."""

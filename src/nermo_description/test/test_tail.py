@@ -39,6 +39,6 @@ def test_a_rigid_tail_keeps_servos_and_sensors_and_has_no_joint_but_the_pulley(r
 
 
 def test_a_mouse_that_deviates_in_its_tail_keeps_the_chain(robot):
-    stiff = Deviation(effect="joint_stiffness", sites=("tail_3_joint",), values={"factor": 2.0})
+    stiff = Deviation.at("joint_stiffness", "tail_3_joint", factor=2.0)
     deviating = robot.model_copy(update={"deviations": (stiff,)})
     assert deviating.with_tail("rigid").tail.model == "chain"

@@ -11,7 +11,8 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from nermo_description.commanding import OWNER_SILENCE, Ownership, command_time
+from nermo_description.commanding import Ownership, command_time
+from nermo_description.silence import OWNER
 from nermo_node import qos
 from nermo_node.diagnostics import OK, Status
 from nermo_node.inputs import Take, kind_name, unpack
@@ -24,7 +25,7 @@ UNNAMED = b""
 class CommandInput:
     """The command topics of one receiver, which together have one owner; the door is that of `Inputs`.
 
-    The first publisher whose command is usable owns them until it has been silent for `OWNER_SILENCE`; meanwhile all
+    The first publisher whose command is usable owns them until it has been silent for `silence.OWNER`; meanwhile all
     others are refused by name. Publishers are told apart by the identifier that the middleware gives each. A ROS that
     does not hand it over (Jazzy) cannot tell them apart, so there nobody is obeyed while there are several.
 
@@ -79,7 +80,7 @@ class CommandInput:
             assert owner is not None, "nobody is refused unless somebody commands"
             raise ValueError(
                 f"{self._name(sender)} has to wait, {self._name(owner)} commands until it is silent for "
-                f"{OWNER_SILENCE:g} s"
+                f"{OWNER.after:g} s"
             )
         message = unpacked()
         if self._oldest is not None:

@@ -7,7 +7,6 @@ import math
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -15,8 +14,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_control.blend import smooth
 from nermo_control.types import Odometry
+from nermo_description.command_follower import CommandFollower, Following
 from nermo_description.model import build_model
 from nermo_description.parameters import LEGS
 from nermo_description.robots import AnyRobot
@@ -30,32 +29,8 @@ RobotType = TypeVar("RobotType", bound=AnyRobot)
 _log = logging.getLogger(__name__)
 
 
-RESUME_JUMP = 0.1
-"""A command farther than this [rad] from where the servos were held is approached smoothly."""
-MOVE_DURATION = 0.4
-"""Time that such a move, and the crouch after a long silence, takes [s]."""
 CONTACT_FORCE = 1e-3
 """Normal force from which a foot counts as touching [N]."""
-
-
-class CommandState(StrEnum):
-    """What the servos follow."""
-
-    WAITING = "waiting for the first command"
-    FOLLOWING = "following commands"
-    HOLDING = "holding the last posture"
-    CROUCHING = "crouching"
-    LIMP = "nothing: no power"
-
-
-@dataclass(frozen=True, slots=True)
-class Silence:
-    """What long silence of the commands leads to; as on the real robot."""
-
-    hold_after: float = 0.2
-    """[s]; the last posture is held and the next command is approached smoothly."""
-    crouch_after: float = 1.0
-    """[s]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +75,6 @@ class Twin(Generic[RobotType]):
         period_ns: int = 5_000_000,
         noise: SensorNoise | None = None,
         seed: int = 0,
-        silence: Silence | None = None,
         interpolate: bool = False,
         dump_folder: Path | None = None,
     ) -> None:
@@ -114,7 +88,6 @@ class Twin(Generic[RobotType]):
         if self._substeps < 1 or abs(self._substeps * self.model.opt.timestep * 1e9 - period_ns) > 1.0:
             raise ValueError(f"period = {period_ns} ns: must be a multiple of {self.model.opt.timestep} s")
         self._interpolate = interpolate
-        self._silence = silence or Silence()
         self._dump_folder = dump_folder
         self._deviations = None if noise is None else noise.deviations(self.layout, self.model.nsensordata)
         self._random = np.random.default_rng(seed)
@@ -131,8 +104,7 @@ class Twin(Generic[RobotType]):
         self._base_position = self.data.site_xpos[self.layout.base_site]
         self._base_axes = self.data.site_xmat[self.layout.base_site]
         self._twist = np.zeros(6)
-        self._goal = np.zeros(self.model.nu)
-        self._move_start = np.zeros(self.model.nu)
+        self._follower = CommandFollower(self.model.key_ctrl[self.layout.keyframes["crouch"]][self.layout.actuators])
         self._substep_shares = [(step + 1) / self._substeps for step in range(self._substeps)]
 
         self.time_ns = 0
@@ -156,9 +128,9 @@ class Twin(Generic[RobotType]):
         return len(self.layout.joints)
 
     @property
-    def command_state(self) -> CommandState:
+    def command_state(self) -> Following:
         """What the servos follow now."""
-        return self._state
+        return self._follower.state
 
     def power(self, powered: NDArray[np.bool_] | bool) -> None:
         """Gives servos power or takes it, shape (n,) in the order of the robot's servos, or all alike.
@@ -173,9 +145,9 @@ class Twin(Generic[RobotType]):
         actuators = self.layout.actuators
         self.model.actuator_forcerange[actuators] = np.where(powered[:, None], self._torque_range, 0.0)
         if not powered.any():
-            self._state = CommandState.LIMP
-        elif self._state is CommandState.LIMP:
-            self._state = CommandState.WAITING
+            self._follower.state = Following.LIMP
+        elif self._follower.state is Following.LIMP:
+            self._follower.state = Following.WAITING
 
     def reset(self, keyframe: str = "stand") -> SensorData:
         """Puts the robot into a keyframe, at rest, at the origin. Time goes on; who has no power gets none.
@@ -193,17 +165,15 @@ class Twin(Generic[RobotType]):
         if self._path is not None:
             self._path.clear()
         self.diverged = None
-        self._state = CommandState.WAITING if self._powered.any() else CommandState.LIMP
-        self._silent_ns = 0
-        self._goal[:] = self._control
-        self._move_ns: int | None = None
+        state = Following.WAITING if self._powered.any() else Following.LIMP
+        self._follower.rest(self._control[self.layout.actuators], state)
         return self.sensors()
 
     def step(self, servo_positions: Sequence[float] | None) -> SensorData:
         """Advances by one control tick.
 
         servo_positions: targets [rad] in the order of the robot's servos, or None where no new command came: then the
-        last one goes on, until `Silence` says otherwise.
+        last one goes on, until the follower holds and then crouches.
 
         Raises ValueError for a wrong number of targets or one that is not finite, and SimulationDivergedError, also on
         every further call until a reset.
@@ -212,24 +182,25 @@ class Twin(Generic[RobotType]):
             raise self.diverged
         if servo_positions is not None:
             self._check(servo_positions)
-        if self._state is CommandState.LIMP:
-            self._lie()
+        actuators = self.layout.actuators
+        if self._follower.state is Following.LIMP:
+            # The targets go where the servos are, so that nothing jumps when power comes back.
+            self._follower.rest(self._sensordata[self.layout.servo_position], Following.LIMP)
         elif servo_positions is not None:
-            self._command(servo_positions)
-        else:
-            self._be_silent()
+            self._follower.command(np.array(servo_positions, dtype=np.float64))
         if self._pushes:
             self._apply_pushes()
-        target = self._goal if self._move_ns is None else self._moving_target()
+        target = self._follower.step(self.period_ns)
+        assert target is not None, "a reset gave it a place to rest"
         if self._path is not None:
-            target = self._on_the_way(self._path, target)
+            target = self._path(target, self._sensordata[self.layout.servo_position])
         if self._interpolate:
-            start = self._control.copy()
+            start = self._control[actuators]
             for share in self._substep_shares:
-                self._control[:] = start + share * (target - start)
+                self._control[actuators] = start + share * (target - start)
                 mujoco.mj_step(self.model, self.data)
         else:
-            self._control[:] = target
+            self._control[actuators] = target
             mujoco.mj_step(self.model, self.data, self._substeps)
         self.time_ns += self.period_ns
         if not self._history.add(self.data, self._control):
@@ -323,51 +294,6 @@ class Twin(Generic[RobotType]):
             raise ValueError(f"{len(servo_positions)} servo positions: there are {len(self.layout.servos)} servos")
         if not math.isfinite(sum(servo_positions)):
             raise ValueError(f"servo positions = {list(servo_positions)}: must be finite")
-
-    def _lie(self) -> None:
-        """Without power the targets go where the servos are, so that nothing jumps when it comes back."""
-        self._goal[self.layout.actuators] = self._sensordata[self.layout.servo_position]
-        self._move_ns = None
-
-    def _command(self, servo_positions: Sequence[float]) -> None:
-        self._goal[self.layout.actuators] = servo_positions
-        self._silent_ns = 0
-        if self._state is not CommandState.FOLLOWING:
-            self._state = CommandState.FOLLOWING
-            if np.abs(self._goal - self._control).max() > RESUME_JUMP:
-                self._begin_move()
-
-    def _on_the_way(self, path: CommandPath, target: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The target as it arrives at the servos of a mouse that deviates."""
-        arrived = target.copy()
-        actuators = self.layout.actuators
-        arrived[actuators] = path(target[actuators], self._sensordata[self.layout.servo_position])
-        return arrived
-
-    def _be_silent(self) -> None:
-        if self._state is CommandState.WAITING:
-            return
-        self._silent_ns += self.period_ns
-        if self._state is CommandState.FOLLOWING and self._silent_ns >= self._silence.hold_after * 1e9:
-            self._state = CommandState.HOLDING
-        if self._state is CommandState.HOLDING and self._silent_ns >= self._silence.crouch_after * 1e9:
-            self._state = CommandState.CROUCHING
-            self._goal[:] = self.model.key_ctrl[self.layout.keyframes["crouch"]]
-            self._begin_move()
-
-    def _begin_move(self) -> None:
-        self._move_start[:] = self._control
-        self._move_ns = 0
-
-    def _moving_target(self) -> NDArray[np.float64]:
-        """A point on the way to the goal."""
-        assert self._move_ns is not None, "a move is on"
-        self._move_ns += self.period_ns
-        share = self._move_ns * 1e-9 / MOVE_DURATION
-        if share >= 1.0:
-            self._move_ns = None
-            return self._goal
-        return self._move_start + smooth(share) * (self._goal - self._move_start)
 
     def _apply_pushes(self) -> None:
         self.data.xfrc_applied[:] = 0.0

@@ -11,11 +11,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from nermo_description.command_follower import Following
 from nermo_description.parameters import RobotParameters
 from nermo_sim.divergence import STATE, SimulationDivergedError, load_dump
 from nermo_sim.layout import ModelError
 from nermo_sim.sensor_data import SensorNoise
-from nermo_sim.twin import CommandState, Twin
+from nermo_sim.twin import Twin
 
 GRAVITY = 9.81
 SHARED = settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -110,26 +111,26 @@ def test_command_far_from_the_posture_after_a_reset_is_approached(twin: Twin) ->
 def test_silence_holds_and_then_crouches(twin: Twin) -> None:
     command = held(twin)
     run(twin, 0.1, command)
-    assert twin.command_state is CommandState.FOLLOWING
+    assert twin.command_state is Following.FOLLOWING
     run(twin, 0.19)
-    assert twin.command_state is CommandState.FOLLOWING
+    assert twin.command_state is Following.FOLLOWING
     run(twin, 0.02)
-    assert twin.command_state is CommandState.HOLDING
+    assert twin.command_state is Following.HOLDING
     assert held(twin) == command
     run(twin, 0.8)
-    assert twin.command_state is CommandState.CROUCHING
+    assert twin.command_state is Following.CROUCHING
     run(twin, 1.0)
     crouch = twin.model.key_ctrl[twin.layout.keyframes["crouch"]]
     assert twin.data.ctrl == pytest.approx(crouch)
     assert twin.tilt() < 0.1
     run(twin, 1.0, command)
-    assert twin.command_state is CommandState.FOLLOWING
+    assert twin.command_state is Following.FOLLOWING
     assert held(twin) == command
 
 
 def test_nobody_ever_commanding_is_no_silence(twin: Twin) -> None:
     run(twin, 2.0)
-    assert twin.command_state is CommandState.WAITING
+    assert twin.command_state is Following.WAITING
 
 
 @pytest.mark.parametrize(
@@ -276,13 +277,13 @@ def test_without_power_its_springs_have_it_until_power_and_a_command_come_back(t
     standing = twin.base_state().position[2]
     twin.power(False)
     run(twin, 1.0, command)
-    assert twin.command_state is CommandState.LIMP
+    assert twin.command_state is Following.LIMP
     assert twin.base_state().position[2] > 1.2 * standing
     assert twin.sensors().servo_torques == pytest.approx([0.0] * len(command))
     twin.power(True)
     lying = held(twin)
     run(twin, 1.5)
-    assert twin.command_state is CommandState.WAITING
+    assert twin.command_state is Following.WAITING
     assert held(twin) == lying
     run(twin, 1.5, command)
     assert twin.base_state().position[2] == pytest.approx(standing, rel=0.1)
@@ -291,4 +292,4 @@ def test_without_power_its_springs_have_it_until_power_and_a_command_come_back(t
 def test_a_reset_gives_no_power(twin: Twin) -> None:
     twin.power(False)
     twin.reset()
-    assert twin.command_state is CommandState.LIMP
+    assert twin.command_state is Following.LIMP

@@ -12,8 +12,9 @@ from sensor_msgs.msg import Joy
 
 from nermo_bringup.nodes.operator import Operator
 from nermo_bringup.teleop.driver import Driver, Limits
-from nermo_bringup.teleop.mapping import JOY_TIMEOUT_S, PadMapping
+from nermo_bringup.teleop.mapping import PadMapping
 from nermo_bringup.teleop.pads import load_pad
+from nermo_description.silence import STICK
 from nermo_node import run
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import Diagnostics
@@ -30,7 +31,7 @@ class TeleopParameters(Limits):
 
     pad: str = Field("xbox", description="name of a pad in config/pads, or the path of its YAML")
     joy_timeout: float = Field(
-        JOY_TIMEOUT_S, ge=0.05, le=2.0, description="without joy until the mouse stops", json_schema_extra={"unit": "s"}
+        STICK.after, ge=0.05, le=2.0, description="without joy until the mouse stops", json_schema_extra={"unit": "s"}
     )
 
 

@@ -9,8 +9,7 @@ from functools import partial
 from nermo_bringup.teleop.driver import Driver
 from nermo_bringup.teleop.pads import BUTTONS, Pad
 from nermo_control.types import SPINE_FUNCTIONS, ControlCommand, Posture
-
-JOY_TIMEOUT_S = 0.25
+from nermo_description.silence import STICK
 
 
 class PadMapping:
@@ -21,7 +20,7 @@ class PadMapping:
     Times are seconds of any clock that does not stop.
     """
 
-    def __init__(self, pad: Pad, driver: Driver, joy_timeout: float = JOY_TIMEOUT_S) -> None:
+    def __init__(self, pad: Pad, driver: Driver, joy_timeout: float = STICK.after) -> None:
         self.driver = driver
         self._pad = pad
         self._timeout = joy_timeout

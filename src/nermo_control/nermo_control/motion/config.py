@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from nermo_control.head import GazeMode
 from nermo_control.oscillators.legs import Coordination, OscillatorSettings
 from nermo_control.tail import TailMode
+from nermo_description.silence import WALK
 
 
 class MotionModuleConfig(BaseModel):
@@ -15,7 +16,7 @@ class MotionModuleConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     silence_timeout: float = Field(
-        0.3,
+        WALK.after,
         ge=0.05,
         le=1.0,
         description="Silence of the command or of a node after which the mouse stops; a longer gap between ticks "

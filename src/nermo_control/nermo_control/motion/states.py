@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 
-from nermo_control.blend import Blend, smooth
 from nermo_control.gait.knowledge_base import gait_speed
 from nermo_control.lift import LIFTED_LEG, LegLift
 from nermo_control.motion.context import MotionContext
@@ -21,6 +20,7 @@ from nermo_control.motion.feet import neutral_feet
 from nermo_control.oscillators.legs import OscillatorLegs
 from nermo_control.turning import leg_modulation
 from nermo_control.types import Four, MotionCommand, Posture, SpineModes
+from nermo_description.blend import Blend, smooth
 
 ELSEWHERE = Posture.STOP
 """Where a body stands that was stopped on its way: in no posture that has a name."""

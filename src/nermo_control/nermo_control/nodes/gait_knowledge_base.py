@@ -20,7 +20,7 @@ from nermo_node.diagnostics import OK, Diagnostics, Status
 from nermo_node.parameters import NodeParameters, blame
 
 REPEAT_PERIOD_S = 0.1
-"""The gait parameters are repeated as a sign of life: silence for 0.3 s stops the mouse."""
+"""The gait parameters are repeated as a sign of life: `silence.WALK` stops the mouse."""
 
 
 class GaitKnowledgeBaseParameters(GaitParameters, RobotChoice):

@@ -197,7 +197,7 @@ def _promising(
 
 def _size(candidate: Candidate, position: float) -> float:
     """Size at a position; position 0 is the neutral value, 1 for a factor."""
-    neutral = 1.0 if candidate.names == ("factor",) else 0.0
+    neutral = 1.0 if candidate.unit == "1" else 0.0
     if candidate.effect in ("joint_range", "servo_rate_limit"):
         neutral = 2.0 * candidate.sizes[0]
     sizes = [neutral, *candidate.sizes]

@@ -9,29 +9,14 @@ from typing import Any
 
 import mujoco
 
+from nermo_description.effects import EffectKind, effect_kind
 from nermo_description.model import build_robot
 from nermo_description.parameter_files import read_yaml, write_yaml
-from nermo_description.parameters import DEVIATIONS, Deviation
+from nermo_description.parameters import Deviation
 from nermo_description.robots import load_robot, robot_names
 from nermo_gap.robots.sites import groups
 from simgap.data.channels import model_names
 from simgap.data.errors import GapInputError
-
-Obj = mujoco.mjtObj
-_KINDS = {
-    "servo": Obj.mjOBJ_ACTUATOR,
-    "joint": Obj.mjOBJ_JOINT,
-    "coulomb": Obj.mjOBJ_JOINT,
-    "viscous": Obj.mjOBJ_JOINT,
-    "armature": Obj.mjOBJ_JOINT,
-    "tendon": Obj.mjOBJ_TENDON,
-    "mass": Obj.mjOBJ_BODY,
-    "com": Obj.mjOBJ_BODY,
-    "inertia": Obj.mjOBJ_BODY,
-    "ground": Obj.mjOBJ_GEOM,
-    "foot": Obj.mjOBJ_GEOM,
-}
-"""First word of an effect's name -> what its sites are."""
 
 
 @dataclass(frozen=True)
@@ -53,17 +38,22 @@ def deviations_of(report: dict[str, Any], robot: str) -> Applied:
     found: list[Deviation] = []
     left_out: list[str] = []
     for effect in report["effects"]:
-        name, site = str(effect["name"]), str(effect["site"])
-        values = {n: float(p["value"]) for n, p in effect["parameters"].items()}
-        name = {"link_latency": "servo_delay", "gravity_lean": "ground_slope"}.get(name, name)
-        if name not in DEVIATIONS:
-            where = "is a matter of calibration" if name.startswith("sensor") else "has no place in a robot file"
-            left_out.append(f"{name}@{site} {where}")
+        key = f"{effect['name']}@{effect['site']}"
+        kind = effect_kind(str(effect["name"]))
+        if kind is None:
+            sensor = str(effect["name"]).startswith("sensor")
+            left_out.append(f"{key} {'is a matter of calibration' if sensor else 'has no place in a robot file'}")
             continue
-        sites = () if name == "ground_slope" else _sites(model, name, site)
-        found.append(Deviation(effect=name, sites=sites, values=values))
+        found_values = {n: float(p["value"]) for n, p in effect["parameters"].items()}
+        values = {n: v for n, v in found_values.items() if n in kind.values}
+        if (wrong := kind.error(values)) is not None:
+            left_out.append(f"{key} has no place in a robot file: {wrong}")
+            continue
+        found.append(Deviation(effect=kind.name, sites=_sites(model, kind, str(effect["site"])), values=values))
+        if more := ", ".join(n for n in found_values if n not in values):
+            left_out.append(f"{key}: {more}, for which a robot file has no place")
         if effect.get("form") in ("motor", "part"):
-            left_out.append(f"{name}@{site}: form {effect['form']} is written as the simpler one of the twin")
+            left_out.append(f"{key}: form {effect['form']} is written as the simpler one of the twin")
     return Applied(tuple(found), tuple(left_out))
 
 
@@ -84,17 +74,18 @@ def write_robot(deviations: Sequence[Deviation], robot: str, path: Path) -> None
     load_robot(path)
 
 
-def _sites(model: mujoco.MjModel, effect: str, site: str) -> tuple[str, ...]:
+def _sites(model: mujoco.MjModel, kind: EffectKind, site: str) -> tuple[str, ...]:
     """Names of the model behind the site of an effect."""
-    kind = _KINDS[effect.split("_")[0]]
-    names = [n for n in model_names(model, kind) if n]
+    if kind.site == "world":
+        return ()
+    names = [n for n in model_names(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.site.upper()}")) if n]
     if site in names:
         return (site,)
     members = groups(model).get(site, ())
     chosen = tuple(n for n in names if n in members)
     if site == "all":
         chosen = tuple(n for n in names if n not in ("world", "root") and not n.startswith("scene"))
-        if effect == "joint_stiffness":
+        if kind.name == "joint_stiffness":
             chosen = tuple(n for n in chosen if model.joint(n).stiffness[0] > 0)
     if not chosen:
         raise GapInputError(f"effects: site {site!r} is not in the model of this robot")

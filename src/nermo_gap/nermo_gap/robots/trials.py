@@ -2,7 +2,7 @@
 
     python -m nermo_gap.robots.trials --robot nermo_lite --seconds 60 --out trials.jsonl
 
-The truth is the twin itself with one number changed, so these trials say what the diagnosis can see at best, and how
+The truth is the twin itself with one deviation, so these trials say what the diagnosis can see at best, and how
 long it takes; they are no blind test.
 """
 
@@ -13,49 +13,33 @@ import time
 from pathlib import Path
 from typing import Annotated
 
-import mujoco
 import typer
 
+from nermo_description.parameters import LEGS, Deviation, RobotParameters
 from nermo_description.robots import load_robot
 from nermo_gap.robots.diagnosis import diagnose_robot
-from nermo_gap.robots.simulated import Change, simulate
+from nermo_gap.robots.simulated import simulate
 from simgap.analysis.options import Options
 
 
-def _gain(model: mujoco.MjModel) -> None:
-    knee = model.actuator("front_left_knee").id
-    model.actuator_gainprm[knee, 0] *= 0.7
-    model.actuator_biasprm[knee, 1] *= 0.7
-
-
-def _friction(model: mujoco.MjModel) -> None:
-    model.geom_friction[:, 0] *= 0.5
-
-
-def _slack(model: mujoco.MjModel) -> None:
-    model.tendon_range[model.tendon("spine_left").id, 1] += 0.003
-
-
-def _mass(model: mujoco.MjModel) -> None:
-    torso = model.body("torso").id
-    factor = 1.0 + 0.15 * float(model.body_mass.sum()) / float(model.body_mass[torso])
-    model.body_mass[torso] *= factor
-    model.body_inertia[torso] *= factor
-
-
-TRIALS: dict[str, tuple[Change | None, str]] = {
-    "none": (None, "no_gap"),
-    "gain": (_gain, "servo_gain@front_left_knee"),
-    "friction": (_friction, "ground_friction@all_feet"),
-    "slack": (_slack, "tendon_slack@spine_left"),
-    "mass": (_mass, "mass@torso"),
-}
-"""Change of the twin, and what a diagnosis should say of it."""
+def trials(robot: RobotParameters) -> dict[str, tuple[str, tuple[Deviation, ...]]]:
+    """By name: what a diagnosis should say, and how the twin deviates."""
+    feet = tuple(f"{leg}_foot" for leg in LEGS)
+    changes = {
+        "gain": ("front_left_knee", Deviation.at("servo_gain", "front_left_knee", factor=0.7)),
+        "friction": ("all_feet", Deviation.at("ground_friction", *feet, factor=0.5)),
+        "slack": ("spine_left", Deviation.at("tendon_slack", "spine_left", slack=0.003)),
+        "mass": ("torso", Deviation.at("mass", "torso", change=0.15 * robot.total_mass)),
+    }
+    named = {name: (f"{change.effect}@{site}", (change,)) for name, (site, change) in changes.items()}
+    return {"none": ("no_gap", ()), **named}
 
 
 def main(
     robot: Annotated[str, typer.Option(help="nermo, nermo_lite or a parameter file.")] = "nermo_lite",
-    trial: Annotated[list[str] | None, typer.Option(help=f"Of {', '.join(TRIALS)} (repeat); by default all.")] = None,
+    trial: Annotated[
+        list[str] | None, typer.Option(help="none, gain, friction, slack or mass (repeat); by default all.")
+    ] = None,
     seconds: Annotated[float, typer.Option(min=6.0, help="Length of the recording in s.")] = 60.0,
     only: Annotated[list[str] | None, typer.Option(help="Consider this effect only (repeat).")] = None,
     seed: Annotated[int, typer.Option(help="Of sensor noise and bootstrap.")] = 0,
@@ -63,11 +47,12 @@ def main(
 ) -> None:
     """Run trials and print verdict, effects, gap and time of each."""
     parameters = load_robot(robot)
-    for name in trial or list(TRIALS):
-        if name not in TRIALS:
-            raise typer.BadParameter(f"{name!r} must be one of {', '.join(TRIALS)}")
-        change, expected = TRIALS[name]
-        table = simulate(parameters, seconds, change=change, seed=seed)
+    known = trials(parameters)
+    for name in trial or known:
+        if name not in known:
+            raise typer.BadParameter(f"{name!r} must be one of {', '.join(known)}")
+        expected, deviations = known[name]
+        table = simulate(parameters.model_copy(update={"deviations": deviations}), seconds, seed=seed)
         cpu = time.process_time()
         report = diagnose_robot([table], parameters, Options(seed=seed, baselines=False, only=tuple(only or ()))).report
         row = {

@@ -11,6 +11,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from nermo_description.parameter_files import ParameterError, read_yaml, validate
+from nermo_description.silence import HOLD
 
 DEFAULT = Path(str(files("nermo_hw"))) / "link" / "link.yaml"
 
@@ -83,7 +84,7 @@ class LinkConfig(_Strict):
     keys: Path | None = None
     """Folder with `ca.pem`, `<name>.pem` and `<name>.key`. None: no encryption, anybody may command the robot."""
     heartbeat_rate: float = Field(20.0, ge=1.0, le=200.0, json_schema_extra={"unit": "Hz"})
-    max_command_age: float = Field(0.2, ge=0.01, le=1.0, json_schema_extra={"unit": "s"})
+    max_command_age: float = Field(HOLD.after, ge=0.01, le=1.0, json_schema_extra={"unit": "s"})
     """Commands older than this are not even sent."""
     lease: float = Field(2.0, ge=0.2, le=60.0, json_schema_extra={"unit": "s"})
     """Silence after which a connection is given up and made anew."""

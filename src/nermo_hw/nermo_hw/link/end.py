@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from nermo_description.emergency_stops import EmergencyStops
+from nermo_description.silence import GONE, LINK
 from nermo_hw.link import stamp
 from nermo_hw.link.clock import LinkClock
 from nermo_hw.link.config import LinkConfig, Side, Topic
@@ -20,11 +21,6 @@ from nermo_hw.link.heartbeat import Ping, Pong
 from nermo_hw.link.transport import LinkError, Transport
 from nermo_hw.link.zenoh_transport import ZenohTransport
 
-HEARD = 0.5
-"""Connected means: heard from the far end within this time [s]."""
-GIVEN_UP_AFTER = 5.0
-"""An end that has not been heard for so long [s] is gone. The workstation's then opens its session anew: connection
-set-up over an unreliable transport can get stuck."""
 LARGEST_NUMBER_OF_ENDS = 16
 """Workstations that are known by name at a time."""
 
@@ -127,7 +123,7 @@ class LinkEnd:
     @property
     def connected(self) -> bool:
         """Whether the far end was heard lately."""
-        return self._monotonic() - self._heard_at < HEARD
+        return self._monotonic() - self._heard_at < LINK.after
 
     def wait(self, seconds: float) -> bool:
         """Waits until the far end is heard; false where it is not."""
@@ -167,13 +163,13 @@ class LinkEnd:
         """One heartbeat; also between two, to tell at once what has changed about the stops."""
         now = self._monotonic()
         if self.side is Side.WORKSTATION:
-            if now - max(self._heard_at, self._opened_at) > GIVEN_UP_AFTER:
+            if now - max(self._heard_at, self._opened_at) > GONE.after:
                 self._reopen()
             self._transport.put(self.config.heartbeat_key(Side.ROBOT), self._ping(), self._id)
             return
         with self._lock:
             for identity, end in list(self._ends.items()):
-                if now - end.heard_at > GIVEN_UP_AFTER:
+                if now - end.heard_at > GONE.after:
                     self._give_up(identity)
 
     def ask_release(self, timeout: float = 2.0) -> str:

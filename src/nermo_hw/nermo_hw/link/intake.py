@@ -6,7 +6,8 @@ import threading
 import time
 from collections.abc import Callable
 
-from nermo_description.commanding import OWNER_SILENCE, Ownership, RefusedCommandError
+from nermo_description.commanding import Ownership, RefusedCommandError
+from nermo_description.silence import OWNER
 from nermo_hw.link import stamp
 
 LARGEST_NUMBER_OF_SENDERS = 8
@@ -16,7 +17,7 @@ LARGEST_NUMBER_OF_SENDERS = 8
 class CommandIntake:
     """One place a sender for its newest command: what is newer takes its place, what is older never does.
 
-    The first sender whose command was usable owns the robot until it has been silent for `OWNER_SILENCE`. What is not
+    The first sender whose command was usable owns the robot until it has been silent for `silence.OWNER`. What is not
     usable, as with a stamp in the future, keeps nobody else out.
 
     name: says in words who a sender is. now: [ns] of a steady clock.
@@ -42,7 +43,7 @@ class CommandIntake:
                 self.turned_away += 1
                 self.last_turned_away = (
                     f"{self._name(sender)} has to wait, {self.owner()} commands until it is silent for "
-                    f"{OWNER_SILENCE:g} s"
+                    f"{OWNER.after:g} s"
                 )
                 raise RefusedCommandError(self.last_turned_away)
             before = self._waiting.get(sender)

@@ -18,12 +18,14 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from nermo_description.command_follower import CommandFollower
 from nermo_description.robots import load_robot
 from nermo_description.servo_command import ServoCommandDoor
+from nermo_description.silence import HOLD
 from nermo_hw.nodes.sample_publishers import SamplePublishers
+from nermo_hw.safety.limits import ServoLimits
 from nermo_hw.serial.calibration import load_calibration
 from nermo_hw.serial.driver import Driver
-from nermo_hw.serial.follower import HOLD_AFTER, CommandFollower
 from nermo_hw.serial.schedule import FixedStepSchedule
 from nermo_hw.types import LATCHED, LineError, LineLostError, SensorSample, ServoTargets, SilentLineError
 from nermo_interfaces.msg import ServoCommand
@@ -128,8 +130,10 @@ class SerialDriverNode(Node):
         cycle_rate = settings.cycle_rate or settings.control_rate
         self._every = round(cycle_rate / settings.control_rate)
         self._schedule = FixedStepSchedule(1.0 / (cycle_rate * (1.0 + settings.rate_lead * 1e-6)))
-        self._follower = CommandFollower(robot)
-        self._door = ServoCommandDoor(self._driver.names, HOLD_AFTER)
+        self._follower = CommandFollower(np.array(list(robot.posture("crouch").values())))
+        self._limits = ServoLimits(robot)
+        self._clamped = 0
+        self._door = ServoCommandDoor(self._driver.names, HOLD.after)
         self._outputs = SamplePublishers(
             self,
             robot,
@@ -146,7 +150,7 @@ class SerialDriverNode(Node):
         self._release_wanted = settings.auto_release
         self._reconnects = self._silent = 0
         self._told: tuple[int, int] = (0, 0)
-        self._point_at = time.monotonic()
+        self._point_at = time.monotonic_ns()
         self._ending = threading.Event()
         self._failure: Exception | None = None
 
@@ -184,9 +188,11 @@ class SerialDriverNode(Node):
 
     def _on_command(self, message: ServoCommand) -> None:
         stamp, now = to_nanoseconds(message.header.stamp), self.get_clock().now().nanoseconds
-        positions = self._door.open(stamp, message.name, message.position, now)
+        positions = np.array(self._door.open(stamp, message.name, message.position, now))
+        inside = self._limits.position(positions)
+        self._clamped += bool((inside != positions).any())
         with self._lock:
-            self._follower.command(np.array(positions))
+            self._follower.command(inside)
 
     def _on_power(self, message: Bool) -> None:
         self._power = bool(message.data)
@@ -238,7 +244,7 @@ class SerialDriverNode(Node):
             "missing_boards": ", ".join(sample.missing),
             "battery_v": f"{sample.battery_voltage:.2f}",
             "following": self._follower.state.value,
-            "commands_clamped": self._follower.clamped,
+            "commands_clamped": self._clamped,
         }
         if sample.missing or sample.silent_servos:
             return ERROR, f"silent: {', '.join((*sample.missing, *sample.silent_servos))}", values
@@ -291,7 +297,7 @@ class SerialDriverNode(Node):
             )
         self._release_wanted = self._settings.auto_release
         with self._lock:
-            self._follower.forget()
+            self._follower.rest()
         self._sample = None
         self._schedule.restart()
 
@@ -303,7 +309,7 @@ class SerialDriverNode(Node):
             with self._lock:
                 positions = self._follower.step(self._since_point(), sample.servo_positions)
                 if not self._power:
-                    self._follower.forget()
+                    self._follower.rest()
             targets = None if positions is None else ServoTargets(positions)
             if not self._power:
                 targets = ServoTargets(np.nan_to_num(sample.servo_positions), energised=False)
@@ -312,15 +318,15 @@ class SerialDriverNode(Node):
         self._sample = sample = self._driver.exchange(targets)
         if sample.faults & LATCHED:
             with self._lock:
-                self._follower.forget()
+                self._follower.rest()
         else:
             self._release_wanted = self._settings.auto_release
         if point and self.context.ok():
             self._outputs.publish(sample)
 
-    def _since_point(self) -> float:
-        """Time since the last trajectory point [s]."""
-        now = time.monotonic()
+    def _since_point(self) -> int:
+        """Time since the last trajectory point [ns]."""
+        now = time.monotonic_ns()
         elapsed, self._point_at = now - self._point_at, now
         return elapsed
 

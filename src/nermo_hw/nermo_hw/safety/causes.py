@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
+from nermo_description.silence import AWAY, CROUCH, HOLD, LINK
+
 
 class State(IntEnum):
     """What the servos do. Of several causes, the one with the highest state wins."""
@@ -83,10 +85,10 @@ class Rule:
 
 RULES: tuple[Rule, ...] = (
     Rule(Cause.START, "the supervisor has started", State.LIMP, 0.0),
-    Rule(Cause.COMMAND_SILENCE, "no acceptable servo_command", State.HOLD, 0.2, Ends.BY_ITSELF),
-    Rule(Cause.COMMAND_LOST, "still no acceptable servo_command", State.CROUCH, 1.0, Ends.BY_ITSELF),
-    Rule(Cause.LINK_LOST, "nothing at all from the workstation", State.CROUCH, 0.5, Ends.BY_ITSELF),
-    Rule(Cause.LONG_SILENCE, "no acceptable servo_command for new_walk_after", State.CROUCH, 5.0, Ends.NEW_WALK),
+    Rule(Cause.COMMAND_SILENCE, "no acceptable servo_command", State.HOLD, HOLD.after, Ends.BY_ITSELF),
+    Rule(Cause.COMMAND_LOST, "still no acceptable servo_command", State.CROUCH, CROUCH.after, Ends.BY_ITSELF),
+    Rule(Cause.LINK_LOST, "nothing at all from the workstation", State.CROUCH, LINK.after, Ends.BY_ITSELF),
+    Rule(Cause.LONG_SILENCE, "no acceptable servo_command for new_walk_after", State.CROUCH, AWAY.after, Ends.NEW_WALK),
     Rule(Cause.EMERGENCY_STOP, "pad, keyboard, any publisher of emergency_stop, or SIGUSR1", State.LIMP, 0.0),
     Rule(Cause.FALLEN, "the body is tilted by more than max_tilt", State.LIMP, 0.2),
     Rule(Cause.OVER_CURRENT, "a servo draws more than max_current", State.LIMP, 0.25),

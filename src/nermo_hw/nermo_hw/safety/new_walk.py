@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from nermo_description.silence import HOLD
 from nermo_hw.types import Array
 
 STILL = 0.03
@@ -12,12 +13,10 @@ BEGUN = 0.1
 """[rad] A command that is so far from the stand begins a walk."""
 STAND_FOR = 1.0
 """[s] Longer than a controller that is told to go on takes for its first step."""
-LONGEST_GAP = 0.2
-"""[s] Commands that come less often are no stand."""
 
 
 class NewWalk:
-    """Watches commands: they must stand still for `STAND_FOR`, and then set off. Times are [ns]."""
+    """Watches commands: they must stand still for `STAND_FOR`, with no silence, and then set off. Times are [ns]."""
 
     def __init__(self) -> None:
         self.start()
@@ -32,7 +31,7 @@ class NewWalk:
     def take(self, command: Array, now: int) -> None:
         """One command: servo positions [rad], shape (n,)."""
         gap, self._last = now - self._last, now
-        if self._stand is None or gap > LONGEST_GAP * 1e9:
+        if self._stand is None or gap > HOLD.after * 1e9:
             self._stand, self._since = command, now
             return
         away = float(np.abs(command - self._stand).max())
@@ -44,7 +43,7 @@ class NewWalk:
 
     def stands(self, now: int) -> bool:
         """Whether the commands have stood still for long enough, and still come."""
-        return self._stand is not None and now - self._last <= LONGEST_GAP * 1e9 and self._stood()
+        return self._stand is not None and now - self._last <= HOLD.after * 1e9 and self._stood()
 
     def _stood(self) -> bool:
         return self._last - self._since >= STAND_FOR * 1e9

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from nermo_description.emergency_stops import EmergencyStops
 from nermo_description.parameters import RobotParameters
 from nermo_description.servo_command import RefusedCommandError, ServoCommandDoor
+from nermo_description.silence import HOLD
 from nermo_hw.safety.causes import RULE_OF, RULES, Cause, Rule, State
 from nermo_hw.safety.limits import ServoLimits
 from nermo_hw.safety.new_walk import NewWalk
@@ -40,7 +41,7 @@ class SafetySettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     max_command_age: float = Field(
-        0.2, ge=0.01, le=1.0, description="Commands older than this are stale", json_schema_extra=_unit("s")
+        HOLD.after, ge=0.01, le=1.0, description="Commands older than this are stale", json_schema_extra=_unit("s")
     )
     max_command_lead: float = Field(
         0.02, ge=0.0, le=0.5, description="Commands stamped further ahead are refused", json_schema_extra=_unit("s")

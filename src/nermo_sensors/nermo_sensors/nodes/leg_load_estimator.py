@@ -13,6 +13,7 @@ from sensor_msgs.msg import Imu
 
 from nermo_description.parameters import LEGS
 from nermo_description.robots import load_any_robot
+from nermo_description.silence import WALK
 from nermo_interfaces.msg import LegLoads, LegStates, Tactile
 from nermo_node import qos, run
 from nermo_node.complaints import Complaints
@@ -25,10 +26,8 @@ from nermo_sensors.estimation.health import CELLS
 from nermo_sensors.estimation.weight import felt_weight
 from nermo_sensors.parameters import TactileParameters, load_tactile, tactile_of_robot
 
-STALE_NS = 300_000_000
-"""Older leg states are not used."""
 WEIGHT_STALE_NS = 10_000_000
-"""Nor is an older acceleration: it changes within a step."""
+"""An older acceleration is not used: it changes within a step."""
 IDLE_PERIOD_NS = 50_000_000
 """While nobody listens to the loads, samples closer than this are passed over. The estimates stay as good, and the
 cells are still watched; from 100 ms on F2 takes its cells for broken."""
@@ -159,7 +158,7 @@ class LegLoadEstimatorNode(Node):
     def _gait(self, stamp: int) -> tuple[float | None, list[bool] | None]:
         """Frequency of the gait [rad/s] and which legs swing, as far as that is known."""
         legs = self._legs
-        if legs is None or abs(stamp - to_nanoseconds(legs.header.stamp)) > STALE_NS:
+        if legs is None or abs(stamp - to_nanoseconds(legs.header.stamp)) > WALK.after * 1e9:
             return None, None
         frequency = 2.0 * math.pi * legs.gait_frequency
         swing = [phase == LegStates.SWING for phase in legs.phases]

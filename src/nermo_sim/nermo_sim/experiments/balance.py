@@ -13,11 +13,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from nermo_control.blend import smooth
 from nermo_control.leg_controller import LegController
 from nermo_control.lift import KNEE_COMPRESSION, LIFT_DURATION, SHIFT_DURATION
 from nermo_control.spine.controller import SpineController
 from nermo_control.types import LegStates, MotionCommand, MotionOutput, Phase, Posture, SpineModes
+from nermo_description.blend import smooth
 from nermo_description.model import build_model
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_sim.batch import processors

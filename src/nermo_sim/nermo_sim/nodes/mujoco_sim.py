@@ -11,9 +11,11 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool
 
+from nermo_description.command_follower import Following
 from nermo_description.emergency_stops import EmergencyStops
 from nermo_description.robots import load_any_robot
 from nermo_description.servo_command import ServoCommandDoor
+from nermo_description.silence import HOLD
 from nermo_interfaces.msg import ServoCommand
 from nermo_interfaces.srv import PushRobot, ResetSimulation, StepSimulation
 from nermo_node.command_input import CommandInput
@@ -28,7 +30,7 @@ from nermo_sim.nodes.views import open_views
 from nermo_sim.pacing import Latency, Pacer, Patience
 from nermo_sim.sensor_data import SensorData, SensorNoise
 from nermo_sim.sim_parameters import TYPICAL_NOISE, SimParameters
-from nermo_sim.twin import CommandState, Silence, Twin
+from nermo_sim.twin import Twin
 
 REPEAT_AFTER = 0.25
 """In stepped mode, a tick that nobody has answered for so long [s] is published again: a node may have come late."""
@@ -50,14 +52,12 @@ class MujocoSim(Node):
         noise = None
         if parameters.sensor_noise > 0.0:
             noise = SensorNoise(**{name: parameters.sensor_noise * value for name, value in TYPICAL_NOISE.items()})
-        self._silence = Silence()
         self._twin = Twin(
             load_any_robot(parameters.robot),
             parameters.scene,
             period_ns=round(1e9 / parameters.control_rate),
             noise=noise,
             seed=parameters.seed,
-            silence=self._silence,
             dump_folder=Path(parameters.dump_folder) if parameters.dump_folder else None,
         )
         self._follows_clock = not parameters.publish_clock
@@ -68,7 +68,7 @@ class MujocoSim(Node):
         )
         self._pacer = Pacer(self._twin.period_ns, parameters.real_time_factor)
         self._patience = Patience(parameters.patience)
-        self._door = ServoCommandDoor(self._twin.layout.servos, self._silence.hold_after)
+        self._door = ServoCommandDoor(self._twin.layout.servos, HOLD.after)
         servos = self._twin.robot.servos
         self._ranges = [(name, servos[name].lower, servos[name].upper) for name in self._twin.layout.servos]
         self._paused = False
@@ -155,7 +155,7 @@ class MujocoSim(Node):
 
     def _tick(self) -> None:
         command, self._pending = self._pending, None
-        if command is None and self._twin.command_state is CommandState.FOLLOWING:
+        if command is None and self._twin.command_state is Following.FOLLOWING:
             self._missed += 1
         self._patience.tick(answered=command is not None)
         try:
