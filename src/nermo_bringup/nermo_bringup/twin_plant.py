@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_description.parameters import RobotParameters
-from nermo_hw.device.faults import FaultError
+from nermo_hw.device.fault_injection import FaultError
 from nermo_hw.device.plant import STEP, PlantSensors
 from nermo_sensors.models.foot import TactileFeet
 from nermo_sensors.parameters import tactile_of_robot

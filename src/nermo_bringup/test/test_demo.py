@@ -30,11 +30,11 @@ from nermo_bringup.demo.evaluation import (
     sitting_pitch,
 )
 from nermo_bringup.demo.plan import Scene, make_plan
-from nermo_bringup.recording.bag import BagWriter
 from nermo_bringup.recording.errors import RecordingError
+from nermo_bringup.recording.writer import BagWriter
 from nermo_bringup.teleop.script import SECOND, CommandFile, file_script
 from nermo_control.types import Posture, TrajectoryMode
-from nermo_node.recording import Recording
+from nermo_node.recording_reader import Recording
 
 GAITS = ["trot", "lateral_walk"]
 NO_SLIP = {"trot": 0.1, "lateral_walk": 0.07}

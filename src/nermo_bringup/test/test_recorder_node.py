@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.repair import repair
 from nermo_node import qos
-from nermo_node.recording import Recording
+from nermo_node.recording_reader import Recording
 
 RECORDER = "nermo_bringup.nodes.recorder"
 BURST = QoSProfile(depth=300, reliability=ReliabilityPolicy.RELIABLE)

@@ -21,15 +21,15 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from std_msgs.msg import String
 
-from nermo_bringup.recording.background import BackgroundWriter, Message
-from nermo_bringup.recording.bag import BagWriter, Topic
+from nermo_bringup.recording.background_writer import BackgroundWriter, Message
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.qos import MINIMUM_DEPTH, Offer, Request, request_for
 from nermo_bringup.recording.repair import repair
 from nermo_bringup.recording.schema import dependencies, ros2msg
 from nermo_bringup.recording.taps import LossCounter, TopicFilter, dated_directory
+from nermo_bringup.recording.writer import BagWriter, Topic
 from nermo_interfaces.msg import FootForces, ServoStates
-from nermo_node.recording import Recording
+from nermo_node.recording_reader import Recording
 
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 LATCHED = Offer(durability="transient_local", history="keep_last", depth=1)
@@ -136,7 +136,7 @@ def test_a_directory_that_cannot_be_made_is_named(tmp_path: Path) -> None:
 FULL_DISK = """
 import sys
 from pathlib import Path
-from nermo_bringup.recording.bag import BagWriter, Topic
+from nermo_bringup.recording.writer import BagWriter, Topic
 from nermo_bringup.recording.errors import RecordingError
 import os
 topic = Topic("/noise", "std_msgs/msg/String", "string data")

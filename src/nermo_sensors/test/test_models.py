@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nermo_sensors.models.foot import TactileFeet
-from nermo_sensors.models.memory import Creep, PlayHysteresis, ReversalHysteresis
+from nermo_sensors.models.hysteresis import Creep, PlayHysteresis, ReversalHysteresis
 from nermo_sensors.models.piezoelectric import (
     ChargeResponse,
     PiezoelectricParameters,

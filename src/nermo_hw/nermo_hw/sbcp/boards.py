@@ -276,7 +276,7 @@ class ServoAnswer:
             _readings(values[0:4], ANGLE),
             _readings(values[4:8], SPEED),
             _readings(values[8:12], CURRENT, NO_UNSIGNED_READING),
-            *_readings(values[12:13], ANGLE).tolist(),
+            float(_readings(values[12:13], ANGLE)[0]),
             _readings(values[13:], TACTILE),
         )
 

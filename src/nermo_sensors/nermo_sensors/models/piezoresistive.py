@@ -11,7 +11,7 @@ import numpy as np
 from nermo_description.parameters import Finite, NonNegative, Positive
 from nermo_sensors.models.amplifier import NonInvertingAmplifier
 from nermo_sensors.models.cell import CellParameters
-from nermo_sensors.models.memory import Creep, PlayHysteresis
+from nermo_sensors.models.hysteresis import Creep, PlayHysteresis
 
 _LARGEST_EXPONENT = 500.0
 
