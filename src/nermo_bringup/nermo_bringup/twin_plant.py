@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_description.parameters import RobotParameters
-from nermo_hw.device.faults import FaultError
+from nermo_hw.device.fault_injection import FaultError
 from nermo_hw.device.plant import STEP, PlantSensors
 from nermo_sensors.models.foot import TactileFeet
 from nermo_sensors.parameters import tactile_of_robot
@@ -51,14 +51,12 @@ class TwinPlant:
         sensors = self._twin.sensors()
         period = max(sensors.stamp - self._felt_at, 1_000_000) * 1e-9
         self._felt_at = sensors.stamp
-        static, dynamic = self._feet.read(sensors.foot_forces, period)
         return PlantSensors(
             positions=np.array(sensors.servo_positions),
             velocities=np.array(sensors.servo_velocities),
             torques=np.where(self._energised, np.array(sensors.servo_torques), 0.0),
             knee_angles=np.array(sensors.knee_encoders),
-            piezoresistive=np.array(static),
-            piezoelectric=np.array(dynamic),
+            cells={cell: np.array(volts) for cell, volts in self._feet.read(sensors.foot_forces, period).items()},
             orientation=np.array(sensors.orientation),
             angular_velocity=np.array(sensors.angular_velocity),
             linear_acceleration=np.array(sensors.linear_acceleration),

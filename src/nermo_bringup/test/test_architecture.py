@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import re
 from graphlib import TopologicalSorter
+from pathlib import Path
 
 import pytest
 import yaml
@@ -68,11 +69,14 @@ def test_rclpy_stands_in_nodes() -> None:
             assert "rclpy" not in {one.split(".")[0] for one in names}, f"{file} imports rclpy outside of nodes/"
 
 
-def test_the_files_that_contributors_are_sent_to_are_there() -> None:
-    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    named = set(re.findall(r"`((?:src|docs)/[\w./]+)`", text)) | set(re.findall(r"\]\(([\w./]+)\)", text))
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/changes.md"])
+def test_the_files_that_contributors_are_sent_to_are_there(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    named = set(re.findall(r"`((?:src|docs)/[\w./]+)`", text)) | {
+        str(Path(page).parent / link) for link in re.findall(r"\]\(([\w./]+)\)", text)
+    }
     assert len(named) > 10
-    placeholders = ("NAME", "PACKAGE", "FAMILY")
+    placeholders = ("NAME", "PACKAGE", "FAMILY", "ROBOT")
     missing = [name for name in named if not any(one in name for one in placeholders) and not (ROOT / name).exists()]
     assert not missing
 

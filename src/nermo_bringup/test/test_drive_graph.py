@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from terminal import Terminal, left_running
 
-from nermo_node.recording import Recording
+from nermo_node.recording_reader import Recording
 
 DRIVE = [sys.executable, "-m", "nermo_bringup", "drive"]
 LIMP = "EMERGENCY STOP, limp: emergency_stop"

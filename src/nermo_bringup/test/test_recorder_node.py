@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from pathlib import Path
 
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3
 from rclpy.publisher import Publisher
@@ -15,7 +16,7 @@ from std_msgs.msg import String
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.repair import repair
 from nermo_node import qos
-from nermo_node.recording import Recording
+from nermo_node.recording_reader import Recording
 
 RECORDER = "nermo_bringup.nodes.recorder"
 BURST = QoSProfile(depth=300, reliability=ReliabilityPolicy.RELIABLE)
@@ -102,9 +103,10 @@ def test_a_topic_whose_publishers_change_is_still_heard(graph, tmp_path: Path) -
     graph.spin_until(lambda: count_on_disk(directory, "/nermo/sensor") == 4, "the best-effort publisher was heard")
 
 
+@pytest.mark.parallel
 def test_an_existing_directory_is_refused(graph, tmp_path: Path) -> None:
     recorder = graph.start(RECORDER, *graph.parameters(directory=str(tmp_path)))
-    output, _ = recorder.communicate(timeout=30)
+    output, _ = recorder.communicate(timeout=120)
     assert recorder.returncode == 1
     assert f"{tmp_path} exists already" in output
     assert "Traceback" not in output

@@ -18,17 +18,18 @@ from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from std_msgs.msg import String
 
-from nermo_bringup.recording.background import BackgroundWriter, Message
-from nermo_bringup.recording.bag import BagWriter, Topic
+from nermo_bringup.recording.background_writer import BackgroundWriter, Message
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.qos import MINIMUM_DEPTH, Offer, Request, request_for
 from nermo_bringup.recording.repair import repair
 from nermo_bringup.recording.schema import dependencies, ros2msg
 from nermo_bringup.recording.taps import LossCounter, TopicFilter, dated_directory
+from nermo_bringup.recording.writer import BagWriter, Topic
 from nermo_interfaces.msg import FootForces, ServoStates
-from nermo_node.recording import Recording
+from nermo_node.recording_reader import Recording
 
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 LATCHED = Offer(durability="transient_local", history="keep_last", depth=1)
@@ -135,7 +136,7 @@ def test_a_directory_that_cannot_be_made_is_named(tmp_path: Path) -> None:
 FULL_DISK = """
 import sys
 from pathlib import Path
-from nermo_bringup.recording.bag import BagWriter, Topic
+from nermo_bringup.recording.writer import BagWriter, Topic
 from nermo_bringup.recording.errors import RecordingError
 import os
 topic = Topic("/noise", "std_msgs/msg/String", "string data")
@@ -381,3 +382,20 @@ def test_a_schema_that_cannot_be_used_is_said_with_file_and_topic(tmp_path: Path
     said = str(error.value)
     assert said.startswith(f"{path}: topic /thing of type a/msg/B: {words}")
     assert len(said) < 500 and "\n" not in said
+
+
+def test_a_recording_from_before_readings_had_names_is_read_as_one_of_today(tmp_path: Path) -> None:
+    name = "nermo_interfaces/msg/Tactile"
+    old = "std_msgs/Header header\nfloat64[4] piezoresistive\nfloat64[4] piezoelectric"
+    header = ros2msg("std_msgs/msg/Header")
+    store = get_typestore(Stores.ROS2_JAZZY)
+    store.register(get_types_from_msg(old, name))
+    stamp = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](7, 5), "base_link")
+    message = store.types[name](stamp, np.array([1.0, 2.0, 3.0, 4.0]), np.array([-1.0, -2.0, -3.0, -4.0]))
+    schema = f"{old}\n{'=' * 80}\nMSG: std_msgs/Header\n{header}"
+    bag = BagWriter(tmp_path / "old")
+    bag.write(Topic("/nermo/tactile", name, schema, "", [LATCHED]), 7, 7, 0, bytes(store.serialize_cdr(message, name)))
+    bag.close()
+    data = Recording(tmp_path / "old").read()["/nermo/tactile"]
+    assert data.stamp.tolist() == [7_000_000_005]
+    assert data.by_name("voltage", ["rear_left_piezoresistive", "front_right_piezoelectric"]).tolist() == [[3.0, -2.0]]

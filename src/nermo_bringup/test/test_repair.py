@@ -17,13 +17,13 @@ from std_msgs.msg import String
 from typer.testing import CliRunner
 
 from nermo_bringup.cli import app
-from nermo_bringup.recording.bag import BagWriter, Topic
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.repair import repair
 from nermo_bringup.recording.salvage import scan
 from nermo_bringup.recording.schema import ros2msg
+from nermo_bringup.recording.writer import BagWriter, Topic
 from nermo_description.results import CommandError
-from nermo_node.recording import Recording
+from nermo_node.recording_reader import Recording
 
 MAGIC = b"\x89MCAP0\r\n"
 

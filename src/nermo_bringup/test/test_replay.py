@@ -13,10 +13,10 @@ from rclpy.serialization import serialize_message
 from typer.testing import CliRunner
 
 from nermo_bringup.cli import app
-from nermo_bringup.recording.bag import BagWriter, Topic
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.replay import recorded_robot, replay_controls, replay_servos
 from nermo_bringup.recording.schema import ros2msg
+from nermo_bringup.recording.writer import BagWriter, Topic
 from nermo_control.controller import Controller
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.nodes.conversions import robot_parameters_to_message
@@ -25,7 +25,7 @@ from nermo_description.robots import load_robot
 from nermo_interfaces.msg import ControlCommand as ControlCommandMessage
 from nermo_interfaces.msg import RobotParameters as RobotParametersMessage
 from nermo_interfaces.msg import ServoCommand, ServoStates
-from nermo_node.recording import Recording
+from nermo_node.recording_reader import Recording
 from nermo_node.time import to_message
 from nermo_sim.twin import Twin
 

@@ -8,9 +8,9 @@ import pytest
 import yaml
 from rclpy.serialization import serialize_message
 
-from nermo_bringup.recording.bag import BagWriter, Topic
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.schema import ros2msg
+from nermo_bringup.recording.writer import BagWriter, Topic
 from nermo_bringup.teleop.script import SECOND, load_script
 from nermo_control.types import ControlCommand, Posture, SpineModes, TrajectoryMode
 from nermo_description.parameter_files import ParameterError

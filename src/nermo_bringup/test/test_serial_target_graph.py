@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState, Imu, JointState
 
+from nermo_description.feet import readings_by_cell
 from nermo_description.parameters import LEGS
 from nermo_description.robots import load_robot
 from nermo_hw.device.emulator import Control, control_path
@@ -105,7 +106,9 @@ def test_the_driver_waits_for_its_device_and_is_then_as_the_twin_is(graph, tmp_p
         dynamics = ROBOT.front_leg_dynamics if leg.startswith("front") else ROBOT.rear_leg_dynamics
         assert dynamics.knee.lower - 0.1 < angle < dynamics.knee.upper + 0.1
     assert 6.0 < heard["battery"][-1].voltage < 8.5
-    assert 0.0 <= min(heard["tactile"][-1].piezoresistive) <= max(heard["tactile"][-1].piezoresistive) <= 5.0
+    felt = readings_by_cell(heard["tactile"][-1].name, heard["tactile"][-1].voltage)
+    assert set(felt) == {"piezoresistive", "piezoelectric"}
+    assert 0.0 <= min(felt["piezoresistive"]) <= max(felt["piezoresistive"]) <= 5.0
 
     commands = graph.node.create_publisher(ServoCommand, "servo_command", qos.COMMAND)
 

@@ -98,6 +98,15 @@ def write_yaml(data: Any, path: Path) -> None:
         raise ParameterError(f"{path}: cannot be written: {error}") from error
 
 
+def merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    """`base` with what `own` says otherwise, mapping by mapping."""
+    result = dict(base)
+    for field, value in own.items():
+        inherited = result.get(field)
+        result[field] = merged(inherited, value) if isinstance(inherited, dict) and isinstance(value, dict) else value
+    return result
+
+
 def validate(data: Any, source: str | Path, model: type[Model]) -> Model:
     """A model from plain data; `source` is named in errors. Raises ParameterError."""
     try:

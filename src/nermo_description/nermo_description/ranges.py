@@ -193,9 +193,7 @@ def odometry_error(message: Any) -> str | None:
 
 def tactile_error(message: Any) -> str | None:
     """nermo_interfaces/Tactile."""
-    return CELL_VOLTAGE.error_of_any("piezoresistive", message.piezoresistive.tolist()) or CELL_VOLTAGE.error_of_any(
-        "piezoelectric", message.piezoelectric.tolist()
-    )
+    return names_error(message.name) or named_error(CELL_VOLTAGE, "voltage", message.name, message.voltage)
 
 
 def leg_loads_error(message: Any) -> str | None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from nermo_description.pantograph import PantographParameters
-from nermo_description.parameter_files import ParameterError, read_yaml, validate
+from nermo_description.parameter_files import ParameterError, merged, read_yaml, validate
 from nermo_description.parameters import RobotDescription, RobotParameters
 
 __all__ = [
@@ -99,16 +99,7 @@ def _with_base(data: Any, path: Path) -> Any:
         others = [name for name in names if name != path.stem]
         raise ParameterError(f"{path}: base: is {base!r}; it must be one of {', '.join(others)}")
     own = {field: value for field, value in data.items() if field != "base"}
-    return _merged(_with_base(read_yaml(_FOLDER / f"{base}.yaml"), path), own)
-
-
-def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
-    """`base` with what `own` says otherwise, mapping by mapping."""
-    result = dict(base)
-    for field, value in own.items():
-        inherited = result.get(field)
-        result[field] = _merged(inherited, value) if isinstance(inherited, dict) and isinstance(value, dict) else value
-    return result
+    return merged(_with_base(read_yaml(_FOLDER / f"{base}.yaml"), path), own)
 
 
 def _find(name_or_path: str | Path, families: Sequence[str]) -> Path:

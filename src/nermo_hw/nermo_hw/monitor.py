@@ -74,8 +74,7 @@ def sample_facts(names: tuple[str, ...], sample: SensorSample, counters: LineCou
         "legs": {
             leg: {
                 "knee_rad": float(sample.knee_angles[place]),
-                "piezoresistive_v": float(sample.piezoresistive[place]),
-                "piezoelectric_v": float(sample.piezoelectric[place]),
+                **{f"{cell}_v": float(volts[place]) for cell, volts in sample.cells.items()},
             }
             for place, leg in enumerate(LEGS)
         },
@@ -111,11 +110,10 @@ def monitor_view(facts: dict[str, Any], robot: RobotParameters) -> Group:
             f"{servo['current_a']:.2f}",
             remark,
         )
-    legs = Table("leg", "knee [rad]", "piezoresistive [V]", "piezoelectric [V]")
+    cells = [key for key in next(iter(facts["legs"].values())) if key.endswith("_v")]
+    legs = Table("leg", "knee [rad]", *(f"{cell.removesuffix('_v')} [V]" for cell in cells))
     for leg, values in facts["legs"].items():
-        legs.add_row(
-            leg, f"{values['knee_rad']:.3f}", f"{values['piezoresistive_v']:.3f}", f"{values['piezoelectric_v']:+.3f}"
-        )
+        legs.add_row(leg, f"{values['knee_rad']:.3f}", *(f"{values[cell]:+.3f}" for cell in cells))
     body = Table("roll, pitch, yaw [deg]", "battery", "faults", "missing", "lost, late, corrupt frames")
     body.add_row(
         f"{facts['roll_deg']:+.1f} {facts['pitch_deg']:+.1f} {facts['yaw_deg']:+.1f}",

@@ -71,10 +71,8 @@ class SensorSample:
     """[A], shape (n,), not negative"""
     knee_angles: Array
     """theta1 from the encoders [rad], shape (4,), in the order of LEGS"""
-    piezoresistive: Array
-    """[V], shape (4,)"""
-    piezoelectric: Array
-    """[V], shape (4,)"""
+    cells: dict[str, Array]
+    """What each cell of the feet reads [V], shape (4,) in the order of LEGS"""
     orientation: Array
     """Of the IMU in the world: unit quaternion (w, x, y, z); anything else where the IMU has none."""
     angular_velocity: Array

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from nermo_description.robots import load_robot
 from nermo_hw.device.device import Device, DeviceSettings
-from nermo_hw.device.faults import FaultError
+from nermo_hw.device.fault_injection import FaultError
 from nermo_hw.device.plant import ServoPlant
 from nermo_hw.sbcp import boards
 from nermo_hw.sbcp.packet import DeviceClass, Instruction, Packet, Status

@@ -12,7 +12,7 @@ import pytest
 from emulated import EmulatedDevice, until
 
 from nermo_description.robots import load_robot
-from nermo_hw.device.faults import FaultError
+from nermo_hw.device.fault_injection import FaultError
 from nermo_hw.sbcp.boards import BODY_BOARD, SERVO_BOARDS
 from nermo_hw.serial.calibration import Calibration, Mounting, save_calibration
 from nermo_hw.serial.driver import Driver

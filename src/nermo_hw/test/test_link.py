@@ -12,11 +12,12 @@ from link_door import Door, Intruder, config, free_port
 from nermo_description.parameter_files import ParameterError
 from nermo_hw.link import stamp
 from nermo_hw.link.clock import LinkClock, SteadyClock
-from nermo_hw.link.config import DEFAULT, LinkConfig, Side, Topic, load_link
+from nermo_hw.link.config import DEFAULT, ENCRYPTED, PLAIN, LinkConfig, Side, Topic, load_link
 from nermo_hw.link.end import LinkEnd
 from nermo_hw.link.keys import KeysError, make_keys
 from nermo_hw.link.messages import decode_command, encode_command
 from nermo_hw.link.transport import LinkError
+from nermo_hw.link.transports import TRANSPORTS
 
 PATIENCE_S = 60.0
 MS = 1_000_000
@@ -232,3 +233,7 @@ def test_keys_and_topics_are_those_of_the_official_bridge() -> None:
     assert keys["servo_command"] == "nermo/servo_command"
     assert keys["imu/data_raw"] == "nermo/imu/data_raw"
     assert keys["/diagnostics"] == "diagnostics"
+
+
+def test_every_endpoint_that_a_link_may_have_is_carried() -> None:
+    assert set(TRANSPORTS) == {*ENCRYPTED, *PLAIN}

@@ -130,7 +130,8 @@ def test_sensor_data_survives_the_line_or_saturates_and_no_reading_is_told(value
     answer = boards.ServoAnswer(
         *(7, 0x3F, 0x0511, 2**32 + 5),
         *(np.array(values[start : start + 4]) for start in (0, 4, 8)),
-        *values[12:],
+        values[12],
+        np.array(values[13:]),
     )
     back = boards.ServoAnswer.decode(answer.encode())
     assert (back.sequence, back.energised, back.faults, back.time) == (7, 0x3F, 0x0511, 5)
@@ -138,7 +139,7 @@ def test_sensor_data_survives_the_line_or_saturates_and_no_reading_is_told(value
     np.testing.assert_allclose(back.velocities, limited(values[4:8], 32.767), atol=boards.SPEED)
     np.testing.assert_allclose(back.currents, limited(values[8:12], 65.534, 0.0), atol=boards.CURRENT)
     assert back.knee_angle == pytest.approx(limited(values[12], 3.2767), abs=boards.ANGLE, nan_ok=True)
-    assert back.piezoelectric == pytest.approx(limited(values[14], 6.5534), abs=boards.TACTILE, nan_ok=True)
+    np.testing.assert_allclose(back.cells, limited(values[13:], 6.5534), atol=boards.TACTILE)
 
 
 def test_the_body_answer_survives_the_line_with_or_without_an_orientation():

@@ -63,11 +63,12 @@ def simulate(
     nermo sensors simulate run1.csv --seed 1
     """
     from nermo_sensors.bench.rig import Rig
+    from nermo_sensors.models.piezoresistive import PiezoresistiveParameters
     from nermo_sensors.parameters import load_tactile
 
     with _told():
         parameters = load_tactile(robot)
-        peak = 2.8 * parameters.piezoresistive.saturation_force
+        peak = 2.8 * parameters.cell(PiezoresistiveParameters).saturation_force
         rig = Rig(peak=peak, periods=3, seconds=2.0) if quick else Rig(peak=peak)
         recording = rig.run(parameters, seed)
         recording.save(file)

@@ -4,96 +4,25 @@ from __future__ import annotations
 
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field, model_validator
 
-from nermo_description.parameter_files import ParameterError, read_yaml, validate
+from nermo_description.parameter_files import ParameterError, merged, read_yaml, validate
 from nermo_description.parameters import Finite, NonNegative, Parameters, Positive
+from nermo_sensors.models.cell import CellParameters
+from nermo_sensors.models.piezoelectric import PiezoelectricParameters
+from nermo_sensors.models.piezoresistive import PiezoresistiveParameters
 
 __all__ = ["ParameterError", "load_tactile", "tactile_names"]
 
 Negative = Annotated[float, Field(lt=0, allow_inf_nan=False)]
 Variance = Annotated[float, Field(gt=0, le=1e12, allow_inf_nan=False)]
 
+Cell = TypeVar("Cell", bound=CellParameters)
+
 _FOLDER = Path(str(files("nermo_sensors"))) / "parameters"
 _DEFAULT = "nermo_lite"
-
-
-class PiezoresistiveParameters(Parameters):
-    """A Velostat cell and its amplifier, as the twin and the simulated bench have it (C 4.2, 4.3.2, 4.3.3)."""
-
-    sensitivity: Positive
-    """a1 [S/N] of (4.4)."""
-    base_conductance: Finite
-    """a2 [S]."""
-    saturation_force: Positive
-    """F_sat [N], (4.5)."""
-    rounding: Positive
-    """Width of the corner before saturation [N]."""
-    play_slacks: tuple[Positive, ...]
-    """Of each play of the hysteresis [N]."""
-    play_weights: tuple[NonNegative, ...]
-    """Share of each play in what the cell feels [1]."""
-    creep_gains: tuple[NonNegative, ...]
-    """Relative gain of conductance that a constant load builds up [1/N], for each creep time."""
-    creep_times: tuple[Positive, ...]
-    """[s]"""
-    temperature_coefficient: Finite
-    """Relative gain of conductance [1/K]."""
-    reference_temperature: Finite
-    """[degC], where the other numbers hold."""
-    feedback_resistance: Positive
-    """R_F [ohm] of (4.2)."""
-    reference_voltage: Positive
-    """V_REF [V] of (4.2)."""
-    noise: NonNegative
-    """Standard deviation of each sample [V]."""
-
-
-class PiezoelectricParameters(Parameters):
-    """A PZT crystal and its charge amplifier, as the twin and the simulated bench have it (C 4.3.2)."""
-
-    response: Literal["charge_amplifier", "rate_and_acceleration"]
-    """Which of the two laws of `models.piezoelectric` it follows."""
-    gain: Positive
-    """[V/N], of the charge amplifier."""
-    leak: Positive
-    """Time constant of the charge amplifier [s]."""
-    lag: NonNegative
-    """Of the silicone [s]."""
-    rate_gain: Finite
-    """k_r [V s/N]"""
-    rate_decay: Positive
-    """[rad/s]"""
-    acceleration_gain: Finite
-    """k_a [V s^2/N]"""
-    acceleration_decay: Positive
-    """[rad/s]"""
-    preload: NonNegative
-    """Force that the cell is mounted with [N] (C 4.3.2.2)."""
-    seating_force: NonNegative
-    """Below this total force [N] air gaps hide changes from the crystal; a larger preload cures it."""
-    bias: NonNegative
-    """Standard deviation of the constant offset, drawn once a run [V]."""
-    noise: NonNegative
-    """Standard deviation of each sample [V]."""
-
-
-class ConverterParameters(Parameters):
-    """Analog to digital converter of one channel."""
-
-    lower: Finite
-    """[V]"""
-    upper: Finite
-    """[V]"""
-    bits: Annotated[int, Field(ge=1, le=32)]
-
-    @model_validator(mode="after")
-    def _ordered(self) -> ConverterParameters:
-        if self.upper <= self.lower:
-            raise ValueError(f"upper = {self.upper} V: must be above lower = {self.lower} V")
-        return self
 
 
 class SigmoidParameters(Parameters):
@@ -230,20 +159,47 @@ class Noises(Parameters):
     memory: MemoryNoise
 
 
+class Cells(Parameters):
+    """The cells of a foot: every kind that there is, of which a robot has those that its file says. In their order."""
+
+    piezoresistive: PiezoresistiveParameters | None = None
+    piezoelectric: PiezoelectricParameters | None = None
+
+    @model_validator(mode="after")
+    def _some(self) -> Cells:
+        if not self.present:
+            raise ValueError(f"there is none; known are {', '.join(type(self).model_fields)}")
+        return self
+
+    @property
+    def present(self) -> dict[str, CellParameters]:
+        """Those that the robot has, by name."""
+        cells = {name: getattr(self, name) for name in type(self).model_fields}
+        return {name: cell for name, cell in cells.items() if cell is not None}
+
+
 class TactileParameters(Parameters):
     """Everything about the tactile feet of one robot."""
 
     name: str
     sampling_frequency: Positive
     """[Hz], of the readings that the filters get."""
-    piezoresistive: PiezoresistiveParameters
-    piezoelectric: PiezoelectricParameters
-    piezoresistive_converter: ConverterParameters
-    piezoelectric_converter: ConverterParameters
+    cells: Cells
     contact_force: Positive
     """A foot is in contact above this load [N]."""
     calibration: Calibration
+    """Of C's two cells, whose memory the filters carry in their states; any other cell has its numbers in its entry."""
     noises: Noises
+
+    def cell(self, kind: type[Cell]) -> Cell:
+        """The foot's cell of a kind. Raises ParameterError where it has none."""
+        for cell in self.cells.present.values():
+            if isinstance(cell, kind):
+                return cell
+        raise ParameterError(
+            f"feet {self.name!r} have no {kind.__name__.removesuffix('Parameters').lower()} cell, which this needs; "
+            f"they have {', '.join(self.cells.present)}"
+        )
 
 
 def tactile_names() -> tuple[str, ...]:
@@ -275,4 +231,4 @@ def _with_base(data: Any, path: Path) -> Any:
     if data["base"] not in tactile_names() or data["base"] == path.stem:
         raise ParameterError(f"{path}: base: is {data['base']!r}; it must be one of {', '.join(tactile_names())}")
     own = {field: value for field, value in data.items() if field != "base"}
-    return {**read_yaml(_FOLDER / f"{data['base']}.yaml"), **own}
+    return merged(read_yaml(_FOLDER / f"{data['base']}.yaml"), own)

@@ -36,11 +36,11 @@ class Walk:
         for _ in range(round(seconds / 0.005)):
             self.stamp += TICK
             loads = self.loads()
-            static, dynamic = (np.array(v) for v in self._feet.read(loads.tolist(), 0.005))
+            readings = {cell: np.array(volts) for cell, volts in self._feet.read(loads.tolist(), 0.005).items()}
             if spoil is not None:
-                spoil(static, dynamic)  # type: ignore[operator]
+                spoil(readings["piezoresistive"], readings["piezoelectric"])  # type: ignore[operator]
             swing = (loads == 0.0).tolist() if phases_known else None
-            answer = self.estimator.step(self.stamp, static, dynamic, 2.0 * math.pi, swing)
+            answer = self.estimator.step(self.stamp, readings, 2.0 * math.pi, swing)
             if answer is not None:
                 self.errors.append(answer.load - loads)
         return answer
@@ -157,9 +157,9 @@ def test_cell_that_comes_back_is_believed_again() -> None:
 def test_repeated_and_late_samples_change_nothing() -> None:
     walk = Walk()
     answer = walk.go(1.0)
-    zeros = np.zeros(4)
-    assert walk.estimator.step(walk.stamp, zeros, zeros) is answer
-    assert walk.estimator.step(walk.stamp - 2 * TICK, zeros, zeros) is answer
+    zeros = {cell: np.zeros(4) for cell in walk.estimator.cells}
+    assert walk.estimator.step(walk.stamp, zeros) is answer
+    assert walk.estimator.step(walk.stamp - 2 * TICK, zeros) is answer
     assert walk.estimator.ignored == 2 and walk.estimator.restarts == 0
 
 
@@ -195,8 +195,8 @@ def test_poisoned_covariance_starts_the_filter_anew(estimator: str) -> None:
 
 
 def test_wrong_number_of_feet_is_named() -> None:
-    with pytest.raises(ValueError, match="of them for 4 feet"):
-        LegLoadEstimator(FEET).step(0, [1.0] * 3, [0.0] * 3)
+    with pytest.raises(ValueError, match="piezoresistive: 3 of them for 4 feet"):
+        LegLoadEstimator(FEET).step(0, {"piezoresistive": [1.0] * 3})
 
 
 def test_new_covariances_do_not_make_the_load_jump() -> None:

@@ -63,12 +63,14 @@ def test_jacobians_agree_with_finite_differences(name: str, load: float, rate: f
     _, transition = model.predict(x, PERIOD)
     found = numeric(lambda y: model.predict(y, PERIOD)[0], x, steps)
     np.testing.assert_allclose(np.broadcast_to(transition, (1, *found.shape))[0], found, rtol=1e-4, atol=1e-7)
-    found = numeric(lambda y: model.piezoelectric(y).value, x, steps)
-    np.testing.assert_allclose(model.piezoelectric(x).gradient, found, rtol=1e-4, atol=1e-7)
+    read = model.cells["piezoelectric"].read
+    found = numeric(lambda y: read(y, x[:, 0]).value, x, steps)
+    np.testing.assert_allclose(read(x, x[:, 0]).gradient, found, rtol=1e-4, atol=1e-7)
     # Where the reading is the expected one, the memory model's secant is the tangent.
-    expected = model.piezoresistive(x, np.array([1.0])).value
-    found = numeric(lambda y: model.piezoresistive(y, expected).value, x, steps)
-    np.testing.assert_allclose(model.piezoresistive(x, expected).gradient, found, rtol=5e-3, atol=1e-3)
+    static = model.cells["piezoresistive"].read
+    expected = static(x, np.array([1.0])).value
+    found = numeric(lambda y: static(y, expected).value, x, steps)
+    np.testing.assert_allclose(static(x, expected).gradient, found, rtol=5e-3, atol=1e-3)
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
@@ -84,7 +86,7 @@ def test_numpy_and_filterpy_agree(name: str) -> None:
         static[0] = np.nan if row % 7 == 0 else static[0]
         dynamic[1] = np.nan if row % 5 == 0 else dynamic[1]
         for filters in (fast, plain):
-            filters.step(PERIOD, static, dynamic, 6.0)
+            filters.step(PERIOD, np.array([static, dynamic]), 6.0)
         scale = np.maximum(np.abs(plain.bank.x), 1.0)
         np.testing.assert_allclose(fast.bank.x / scale, plain.bank.x / scale, atol=1e-7)
     np.testing.assert_allclose(fast.variance, plain.variance, rtol=1e-6)
@@ -94,7 +96,7 @@ def test_numpy_and_filterpy_agree(name: str) -> None:
 def test_covariances_stay_positive_definite(name: str) -> None:
     random, filters = np.random.default_rng(4), LoadFilter(model_of(name), 3)
     for _ in range(400):
-        filters.step(PERIOD, random.uniform(0.5, 5.5, 3), random.uniform(-2.0, 2.0, 3), 12.0)
+        filters.step(PERIOD, np.array([random.uniform(0.5, 5.5, 3), random.uniform(-2.0, 2.0, 3)]), 12.0)
         for covariance in filters.bank.P:
             scale = np.sqrt(np.diag(covariance))
             assert np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0] > -1e-9
@@ -153,7 +155,7 @@ def test_saturated_reading_is_a_bound_and_no_measurement(name: str) -> None:
     high.bank.x[0, 0] = 20.0
     for filters in (low, high):
         filters.bank.P[:] = np.diag([9.0] + [1e-3] * (len(model.states) - 1))
-        filters.step(PERIOD, np.array([5.0]), np.array([np.nan]))
+        filters.step(PERIOD, np.array([[5.0], [np.nan]]))
     assert low.load[0] > 6.0
     assert high.load[0] == pytest.approx(20.0, abs=0.2)
 
@@ -162,7 +164,7 @@ def test_saturated_reading_is_a_bound_and_no_measurement(name: str) -> None:
 @pytest.mark.parametrize("period", [0.0, -0.005, np.nan, np.inf])
 def test_bad_period_is_refused(name: str, period: float) -> None:
     with pytest.raises(ValueError, match="must be finite and above 0"):
-        LoadFilter(model_of(name), 1).step(period, np.zeros(1), np.zeros(1))
+        LoadFilter(model_of(name), 1).step(period, np.zeros((2, 1)))
 
 
 def test_unknown_estimator_is_named() -> None:
@@ -175,7 +177,7 @@ def test_memory_filter_recovers_from_believing_the_cell_saturated() -> None:
     filters = LoadFilter(model_of("memory"), 1)
     filters.bank.x[0, 0] = 25.0
     for _ in range(20):
-        filters.step(PERIOD, np.array([2.0]), np.array([0.0]))
+        filters.step(PERIOD, np.array([[2.0], [0.0]]))
     assert filters.load[0] < 6.0
 
 

@@ -13,8 +13,8 @@ from nermo_sensors.identification.fit import UnidentifiableError, Unknown, fit
 from nermo_sensors.identification.piezoelectric import fit_charge, fit_rate, fit_rate_acceleration
 from nermo_sensors.identification.piezoresistive import fit_memory, fit_pair, fit_static
 from nermo_sensors.models.amplifier import NonInvertingAmplifier
-from nermo_sensors.models.piezoelectric import RateAccelerationResponse
-from nermo_sensors.models.piezoresistive import LinearConductance, Sigmoid, SigmoidPair
+from nermo_sensors.models.piezoelectric import PiezoelectricParameters, RateAccelerationResponse
+from nermo_sensors.models.piezoresistive import LinearConductance, PiezoresistiveParameters, Sigmoid, SigmoidPair
 from nermo_sensors.parameters import load_tactile
 
 QUICK = Rig(periods=3, seconds=2.0)
@@ -62,7 +62,7 @@ def test_fits_are_as_good_as_the_thesis_found_them(run: BenchRecording) -> None:
 
 
 def test_low_pass_of_the_bench_does_not_round_the_corner(run: BenchRecording) -> None:
-    truth = load_tactile("cheetah_cub").piezoresistive
+    truth = load_tactile("cheetah_cub").cell(PiezoresistiveParameters)
     amplifier = NonInvertingAmplifier(truth.feedback_resistance, truth.reference_voltage)
     found, _ = fit_memory(run, amplifier)
     assert found.saturation_force == pytest.approx(truth.saturation_force, rel=0.03)
@@ -70,7 +70,7 @@ def test_low_pass_of_the_bench_does_not_round_the_corner(run: BenchRecording) ->
 
 
 def test_charge_amplifier_is_found_within_its_interval(run: BenchRecording) -> None:
-    truth = load_tactile("cheetah_cub").piezoelectric
+    truth = load_tactile("cheetah_cub").cell(PiezoelectricParameters)
     found, result = fit_charge(run)
     assert found.gain == pytest.approx(truth.gain, rel=0.02)
     assert found.leak == pytest.approx(truth.leak, rel=0.02)

@@ -6,7 +6,6 @@ import math
 import subprocess
 import sys
 import time
-from array import array
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -19,6 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from nermo_description.feet import named_readings
 from nermo_interfaces.msg import LegLoads, Tactile
 from nermo_node import qos
 from nermo_node.time import to_message, to_nanoseconds
@@ -46,18 +46,16 @@ class Feet:
 
     def press(self, loads: list[float], broken: bool = False) -> LegLoads:
         """One sample, and the node's answer to it; sent again until there is one."""
-        static, dynamic = self._feet.read(loads, 0.005)
+        readings = self._feet.read(loads, 0.005)
         if broken:
-            static[2] = math.nan
+            readings["piezoresistive"][2] = math.nan
         heard = len(self.loads)
 
         def answered() -> bool:
             if len(self.loads) > heard:
                 return True
             self._stamp += 5_000_000
-            message = Tactile(piezoresistive=array("d", static), piezoelectric=array("d", dynamic))
-            message.header.stamp = to_message(self._stamp)
-            self._publisher.publish(message)
+            self._publish(readings)
             return False
 
         self.until(answered, "leg_loads came", 0.05)
@@ -72,9 +70,13 @@ class Feet:
 
     def send(self, loads: list[float]) -> None:
         """One sample, whether or not it is answered."""
-        static, dynamic = self._feet.read(loads, 0.005)
+        readings = self._feet.read(loads, 0.005)
         self._stamp += 5_000_000
-        message = Tactile(piezoresistive=array("d", static), piezoelectric=array("d", dynamic))
+        self._publish(readings)
+
+    def _publish(self, readings: dict[str, list[float]]) -> None:
+        names, voltages = named_readings(readings)
+        message = Tactile(name=names, voltage=voltages)
         message.header.stamp = to_message(self._stamp)
         self._publisher.publish(message)
 
@@ -166,12 +168,13 @@ def test_samples_are_passed_over_only_while_nobody_listens(feet: Feet) -> None:
     assert list(answers[-1].load)[:3] == pytest.approx([0.7] * 3, abs=0.35)
 
 
+@pytest.mark.parallel
 def test_wrong_feet_are_refused() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "nermo_sensors.nodes.leg_load_estimator", "--ros-args", "-p", "feet:=none.yaml"],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=120,
         check=False,
     )
     assert done.returncode == 2

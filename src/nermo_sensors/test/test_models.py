@@ -8,9 +8,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nermo_sensors.models.foot import TactileFeet
-from nermo_sensors.models.memory import Creep, PlayHysteresis, ReversalHysteresis
-from nermo_sensors.models.piezoelectric import ChargeResponse, RateAccelerationResponse, RateResponse
-from nermo_sensors.models.piezoresistive import LinearConductance, Sigmoid, SigmoidPair, SoftConductance
+from nermo_sensors.models.hysteresis import Creep, PlayHysteresis, ReversalHysteresis
+from nermo_sensors.models.piezoelectric import (
+    ChargeResponse,
+    PiezoelectricParameters,
+    RateAccelerationResponse,
+    RateResponse,
+)
+from nermo_sensors.models.piezoresistive import (
+    LinearConductance,
+    PiezoresistiveParameters,
+    Sigmoid,
+    SigmoidPair,
+    SoftConductance,
+)
 from nermo_sensors.parameters import TactileParameters, load_tactile, tactile_names, tactile_of_robot
 
 C_CELL = LinearConductance(1.01e-5, 4.14e-5, 4.14e-5 + 1.01e-5 * 31.5)
@@ -140,13 +151,13 @@ def test_charge_amplifier_answers_to_rate_and_acceleration(hertz: float) -> None
 @pytest.mark.parametrize("name", tactile_names())
 def test_feet_saturate_with_hysteresis_and_noise(name: str) -> None:
     parameters = load_tactile(name)
-    full = 2.8 * parameters.piezoresistive.saturation_force
+    full = 2.8 * parameters.cell(PiezoresistiveParameters).saturation_force
     feet = TactileFeet(parameters, feet=1, seed=3)
     ramp = np.concatenate([np.linspace(0.0, full, 400), np.linspace(full, 0.0, 400)])
-    static = np.array([feet.read([force], 0.005)[0][0] for force in ramp])
+    static = np.array([feet.read([force], 0.005)["piezoresistive"][0] for force in ramp])
     rising, falling = static[:400], static[:399:-1]
     low = slice(40, 120)
-    assert np.mean(falling[low] - rising[low]) > 10.0 * parameters.piezoresistive.noise
+    assert np.mean(falling[low] - rising[low]) > 10.0 * parameters.cell(PiezoresistiveParameters).noise
     assert np.std(np.diff(rising[300:])) > 0.0
     assert abs(rising[390:].mean() - rising[300:310].mean()) < 0.05
 
@@ -161,23 +172,20 @@ def test_feet_are_repeatable_and_forget_when_cleared() -> None:
 def test_dynamic_cell_without_preload_misses_light_touches() -> None:
     """C 4.3.2.2: before preload, no simple relation could be found."""
     parameters = load_tactile("cheetah_cub")
-    loose = parameters.model_copy(
-        update={
-            "piezoelectric": parameters.piezoelectric.model_copy(update={"preload": 0.0, "noise": 0.0, "bias": 0.0})
-        }
-    )
+    cell = parameters.cell(PiezoelectricParameters).model_copy(update={"preload": 0.0, "noise": 0.0, "bias": 0.0})
+    loose = parameters.model_copy(update={"cells": parameters.cells.model_copy(update={"piezoelectric": cell})})
     reading = {}
     for name, p in (("loose", loose), ("preloaded", parameters)):
         feet = TactileFeet(p, feet=1)
         feet.read([0.0], 0.005)
-        reading[name] = feet.read([0.9], 0.005)[1][0]
+        reading[name] = feet.read([0.9], 0.005)["piezoelectric"][0]
     assert abs(reading["loose"]) < 1e-3 < 0.05 < reading["preloaded"]
 
 
 def test_warmth_raises_the_static_reading() -> None:
     cold, warm = TactileFeet(feet=1), TactileFeet(feet=1)
     warm.temperature += 20.0
-    assert warm.read([1.0], 0.005)[0][0] > cold.read([1.0], 0.005)[0][0] + 0.05
+    assert warm.read([1.0], 0.005)["piezoresistive"][0] > cold.read([1.0], 0.005)["piezoresistive"][0] + 0.05
 
 
 @pytest.mark.parametrize("period", [0.0, -1.0, math.nan])
@@ -194,7 +202,7 @@ def test_feet_refuse_forces_that_are_no_numbers(forces: list[float]) -> None:
 
 def test_robots_without_own_feet_have_the_default_ones() -> None:
     assert tactile_of_robot("somebody's").name == "nermo_lite"
-    assert tactile_of_robot("nermo").piezoresistive == load_tactile("nermo_lite").piezoresistive
+    assert tactile_of_robot("nermo").cells == load_tactile("nermo_lite").cells
 
 
 def test_bad_parameter_is_named() -> None:

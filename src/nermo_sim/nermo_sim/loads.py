@@ -54,7 +54,7 @@ class FeltLoads:
             weight = felt_weight(self._twin.robot.masses.total, sensors.orientation, sensors.linear_acceleration)
         frequency = 2.0 * math.pi * legs.gait_frequency or None
         begin = time.thread_time_ns()
-        loads = self.estimator.step(sensors.stamp, *readings, frequency, swing, weight)
+        loads = self.estimator.step(sensors.stamp, readings, frequency, swing, weight)
         self.times.append(time.thread_time_ns() - begin)
         if loads is None:
             return None

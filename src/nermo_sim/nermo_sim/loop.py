@@ -10,7 +10,7 @@ from nermo_control.controller import Controller
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.types import ControlCommand, Imu, LegLoads, MotionOutput, Odometry
 from nermo_description.parameters import RobotParameters
-from nermo_sim.recording import Recorder, Recording
+from nermo_sim.run_table import Recorder, Recording
 from nermo_sim.sensor_data import SensorData
 from nermo_sim.twin import Twin
 

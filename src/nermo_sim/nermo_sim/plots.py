@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 
 Array = NDArray[np.float64]
 

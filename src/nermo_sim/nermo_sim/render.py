@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from nermo_sim.console import console
 from nermo_sim.divergence import STATE
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 
 Picture = NDArray[np.uint8]
 """Shape (height, width, 3), RGB."""

@@ -13,7 +13,7 @@ from nermo_sim.experiments import footstep, push
 from nermo_sim.experiments.coordination import Case, cases, recovery_time, step_scatter, table, walking_loop
 from nermo_sim.experiments.runs import Job, Settings, standing_loop
 from nermo_sim.loop import constant
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 from nermo_sim.twin import Twin
 
 SETTINGS = Settings(repeats=1, quick=True, disturbance=NO_DISTURBANCE)

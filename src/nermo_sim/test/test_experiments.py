@@ -32,7 +32,7 @@ from nermo_sim.experiments.orientation import orientation_noise
 from nermo_sim.experiments.result_log import ResultLog
 from nermo_sim.experiments.runs import Job, Settings, run_cases
 from nermo_sim.loop import Loop, constant
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 
 QUICK = Settings(quick=True, repeats=1)
 TICK = 5_000_000

@@ -13,7 +13,7 @@ from nermo_control.types import ControlCommand, Posture, TrajectoryMode
 from nermo_description.parameters import RobotParameters
 from nermo_sim.disturbance import Disturbance, DisturbedRun
 from nermo_sim.loop import Loop, constant, schedule
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 
 
 def walking(gait: str, frequency: float = 0.8, velocity: float = 0.06) -> ControlCommand:

@@ -19,8 +19,8 @@ from nermo_sim.experiments.result_log import ResultLog, seed_for
 from nermo_sim.experiments.runs import Job, Progress, Settings, run_cases
 from nermo_sim.experiments.straight_line import STRIDE, Case, cases, measure, theory
 from nermo_sim.plots import draw_gait, plot_run, plot_speeds
-from nermo_sim.recording import Recording
 from nermo_sim.render import RenderingUnavailableError, save_picture, save_video
+from nermo_sim.run_table import Recording
 from nermo_sim.twin import Twin
 
 SHORT = Settings(distance=0.15, repeats=1)

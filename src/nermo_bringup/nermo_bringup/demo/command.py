@@ -26,7 +26,7 @@ from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_description.parameters import RobotParameters
 from nermo_description.results import CommandError, write_results
 from nermo_description.robots import load_robot
-from nermo_node.recording import Recording
+from nermo_node.recording_reader import Recording
 
 NAMESPACE = "nermo"
 GAIT_FREQUENCY_HZ = 0.8

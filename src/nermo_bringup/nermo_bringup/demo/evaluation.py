@@ -15,7 +15,7 @@ from nermo_bringup.recording.errors import RecordingError
 from nermo_control.lift import LIFT_DURATION, SHIFT_DURATION
 from nermo_control.types import Posture
 from nermo_description.parameters import LEGS
-from nermo_node.recording import Recording, TopicData
+from nermo_node.recording_reader import Recording, TopicData
 
 Array = NDArray[np.float64]
 

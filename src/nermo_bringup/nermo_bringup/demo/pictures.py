@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from nermo_bringup.demo.evaluation import Track, read_foot_forces
 from nermo_bringup.demo.plan import LIFTED, Plan, Scene
 from nermo_description.parameters import LEGS, RobotParameters
-from nermo_node.recording import Recording
+from nermo_node.recording_reader import Recording
 
 FRAME_RATE = 12.5
 GAIT_WINDOW_S = 3.0

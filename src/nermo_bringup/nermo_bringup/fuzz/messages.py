@@ -14,8 +14,10 @@ from builtin_interfaces.msg import Time
 
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.nodes.conversions import gait_parameters_to_message
+from nermo_description.feet import named_readings
 from nermo_description.parameters import LEGS
 from nermo_description.robots import AnyRobot
+from nermo_hw.sbcp.boards import CELLS
 from nermo_interfaces import msg
 from nermo_node.time import to_message
 
@@ -201,6 +203,10 @@ def _leg_loads(message: msg.LegLoads, robot: AnyRobot) -> None:
     message.load = [0.5] * 4
 
 
+def _tactile(message: msg.Tactile, robot: AnyRobot) -> None:
+    message.name, message.voltage = named_readings({cell: [1.2] * len(LEGS) for cell in CELLS})
+
+
 _USUAL: dict[str, Callable[[Any, AnyRobot], None]] = {
     "BatteryState": _battery,
     "ControlCommand": _control_command,
@@ -214,5 +220,6 @@ _USUAL: dict[str, Callable[[Any, AnyRobot], None]] = {
     "Path": _path,
     "ServoCommand": _servo_states,
     "ServoStates": _servo_states,
+    "Tactile": _tactile,
     "TwistStamped": _twist,
 }

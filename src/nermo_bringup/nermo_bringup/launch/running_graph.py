@@ -15,7 +15,7 @@ from nermo_bringup.launch.executables import find_executable
 from nermo_bringup.launch.runner import lead_own_life
 from nermo_bringup.recording.errors import RecordingError
 from nermo_description.results import CommandError
-from nermo_node.recording import Recording
+from nermo_node.recording_reader import Recording
 
 STARTUP_S = 60.0
 """Patience with a graph that comes up; it takes a few seconds."""

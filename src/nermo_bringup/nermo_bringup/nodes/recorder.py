@@ -22,12 +22,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from nermo_bringup.recording.background import BackgroundWriter, Message
-from nermo_bringup.recording.bag import BagWriter, Topic
+from nermo_bringup.recording.background_writer import BackgroundWriter, Message
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.qos import Offer, Request, request_for
 from nermo_bringup.recording.schema import ros2msg
 from nermo_bringup.recording.taps import LossCounter, TopicFilter, dated_directory
+from nermo_bringup.recording.writer import BagWriter, Topic
 from nermo_node import diagnostics, run
 from nermo_node.parameters import declare
 

@@ -41,7 +41,7 @@ def replay(
     from nermo_bringup.recording.replay import POSE, recorded_robot, replay_controls, replay_servos
     from nermo_control.gait.knowledge_base import GaitParameters
     from nermo_description.robots import load_robot
-    from nermo_node.recording import Recording
+    from nermo_node.recording_reader import Recording
 
     console = Console()
     try:

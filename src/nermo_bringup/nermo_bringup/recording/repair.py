@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nermo_bringup.recording.bag import METADATA_FILE, Topic, write_metadata
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.qos import Offer
 from nermo_bringup.recording.salvage import Progress, Salvage, scan, write
+from nermo_bringup.recording.writer import METADATA_FILE, Topic, write_metadata
 from nermo_description.parameter_files import ParameterError, parse_yaml
-from nermo_node.recording import recording_file
+from nermo_node.recording_reader import recording_file
 
 BACKUP = ".orig"
 _NOTE = {"repaired": "the recorder was killed; this is all it had written"}

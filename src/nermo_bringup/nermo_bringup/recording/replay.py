@@ -16,7 +16,7 @@ from nermo_bringup.teleop.script import CONTROL_TOPIC, SERVO_TOPIC, recorded_scr
 from nermo_control.controller import Controller
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_description.parameters import RobotParameters
-from nermo_node.recording import Recording, TopicData
+from nermo_node.recording_reader import Recording, TopicData
 from nermo_sim.twin import Twin
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, 
 from nermo_bringup.recording.errors import RecordingError
 from nermo_control.types import SPINE_FUNCTIONS, ControlCommand, Posture, SpineModes, TrajectoryMode
 from nermo_description.parameter_files import read_yaml, validate
-from nermo_node.recording import Recording, TopicData
+from nermo_node.recording_reader import Recording, TopicData
 
 ServoPositions = Mapping[str, float]
 """Target of each servo, rad."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_gap.robots.channels import GYRO, TRACKER, command, encoder, leg_servos, phase, position, torque
-from nermo_node.recording import Recording, RecordingError, TopicData
+from nermo_node.recording_reader import Recording, RecordingError, TopicData
 from simgap.data.errors import GapInputError, nearest
 
 Array = NDArray[np.float64]

@@ -46,7 +46,9 @@ class Rig:
             self._write_link(transport)
             self._log = folder / "states.jsonl"
             terminal = folder / "device"
-            self._device = subprocess.Popen([sys.executable, "-m", "nermo_hw.bench.device", str(terminal), robot])
+            self._device = subprocess.Popen(
+                [sys.executable, "-m", "nermo_hw.bench.device_process", str(terminal), robot]
+            )
             self.until(lambda: self._connect(terminal), "the device is there")
             self.start_robot()
             command = [sys.executable, "-m", "nermo_hw.bench.walker", str(self._link), robot]

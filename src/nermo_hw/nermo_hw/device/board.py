@@ -118,7 +118,7 @@ class Board:
 
 
 class ServoBoard(Board):
-    """Four servo channels, a knee encoder, two tactile cells.
+    """Four servo channels, a knee encoder, the cells of a foot.
 
     servos: place of each channel's servo in the robot's order; None where nothing is plugged in. leg: place in LEGS.
     sense: gives the present sensors, angles as the servos report them.
@@ -259,8 +259,7 @@ class ServoBoard(Board):
             velocities,
             currents,
             float(sensors.knee_angles[self.leg]),
-            float(sensors.piezoresistive[self.leg]),
-            float(sensors.piezoelectric[self.leg]),
+            np.array([sensors.cells[cell][self.leg] if cell in sensors.cells else math.nan for cell in boards.CELLS]),
         ).encode()
 
     def _refresh(self, now: int) -> None:

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from nermo_description.battery import Battery
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_hw.device.board import Board, BodyBoard, ServoBoard
-from nermo_hw.device.faults import FaultError, FaultyLine, LineFaults, names_only
+from nermo_hw.device.fault_injection import FaultError, FaultyLine, LineFaults, names_only
 from nermo_hw.device.plant import Plant, PlantSensors
 from nermo_hw.sbcp import boards
 from nermo_hw.sbcp.boards import BODY_BOARD, BUS_CONTROLLER, SERVO_BOARDS, board_name

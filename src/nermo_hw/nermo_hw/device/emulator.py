@@ -17,7 +17,7 @@ from typing import Any
 
 from nermo_description.parameter_files import write_yaml
 from nermo_hw.device.device import Device
-from nermo_hw.device.faults import FaultError
+from nermo_hw.device.fault_injection import FaultError
 from nermo_hw.types import LineError
 
 IDLE_NS = 5_000_000

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS, RobotParameters
+from nermo_hw.sbcp.boards import CELLS
 
 Array = NDArray[np.float64]
 
@@ -28,10 +29,8 @@ class PlantSensors:
     """[N m], shape (n,)"""
     knee_angles: Array
     """theta1 [rad], shape (4,)"""
-    piezoresistive: Array
-    """[V], shape (4,)"""
-    piezoelectric: Array
-    """[V], shape (4,)"""
+    cells: dict[str, Array]
+    """What each cell of the feet reads [V], shape (4,) in the order of LEGS"""
     orientation: Array
     """(w, x, y, z)"""
     angular_velocity: Array
@@ -87,14 +86,12 @@ class ServoPlant:
 
     def sensors(self) -> PlantSensors:
         """As `Plant` says; nothing is felt by the feet."""
-        legs = np.zeros(len(LEGS))
         return PlantSensors(
             positions=self._position.copy(),
             velocities=self._velocity.copy(),
             torques=self._torque.copy(),
             knee_angles=self._knees.copy(),
-            piezoresistive=legs,
-            piezoelectric=legs.copy(),
+            cells={cell: np.zeros(len(LEGS)) for cell in CELLS},
             orientation=np.array([1.0, 0.0, 0.0, 0.0]),
             angular_velocity=np.zeros(3),
             linear_acceleration=np.array([0.0, 0.0, 9.81]),

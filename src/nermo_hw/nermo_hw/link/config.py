@@ -16,6 +16,10 @@ from nermo_description.silence import HOLD
 DEFAULT = Path(str(files("nermo_hw"))) / "link" / "link.yaml"
 
 
+ENCRYPTED, PLAIN = ("quic", "tls"), ("udp", "tcp")
+"""What an endpoint may begin with; `transports.py` has what carries it."""
+
+
 class Side(Enum):
     """The two ends."""
 
@@ -101,7 +105,7 @@ class LinkConfig(_Strict):
         for side in (self.robot, self.workstation):
             for endpoint in side.endpoints:
                 protocol = endpoint.partition("/")[0]
-                known = ("quic", "tls") if self.keys is not None else ("udp", "tcp")
+                known = ENCRYPTED if self.keys is not None else PLAIN
                 if protocol not in known:
                     allowed = " or ".join(f"{name}/" for name in known)
                     why = "encrypted" if self.keys is not None else "without keys"

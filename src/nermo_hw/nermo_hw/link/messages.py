@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from nermo_description.feet import named_readings
 from nermo_description.parameters import LEGS
 from nermo_hw.types import Array, SensorSample
 
@@ -20,7 +21,7 @@ DEFINITIONS = {
         "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] torque\n"
         "float64[] current"
     ),
-    "nermo_interfaces/msg/Tactile": "std_msgs/Header header\nfloat64[4] piezoresistive\nfloat64[4] piezoelectric",
+    "nermo_interfaces/msg/Tactile": "std_msgs/Header header\nstring[] name\nfloat64[] voltage",
 }
 KNEE_JOINTS = [f"{leg}_knee_joint" for leg in LEGS]
 LIPO = 3
@@ -83,9 +84,7 @@ class SensorMessages:
         """Topic and CDR of each message that is due, `servo_states` last: who reads it finds the rest on its way."""
         makers: dict[str, Callable[[SensorSample], Any]] = {
             "imu/data_raw": self._imu,
-            "tactile": lambda s: _make("nermo_interfaces/msg/Tactile")(
-                _header(s.stamp), s.piezoresistive, s.piezoelectric
-            ),
+            "tactile": _tactile,
             "joint_states": _knees,
             "battery": _battery,
             "servo_states": self._servo_states,
@@ -153,6 +152,11 @@ def _floats(values: Array) -> list[float]:
 def _knees(sample: SensorSample) -> Any:
     nothing = np.array([])
     return _make("sensor_msgs/msg/JointState")(_header(sample.stamp), KNEE_JOINTS, sample.knee_angles, nothing, nothing)
+
+
+def _tactile(sample: SensorSample) -> Any:
+    names, voltages = named_readings(sample.cells)
+    return _make("nermo_interfaces/msg/Tactile")(_header(sample.stamp), names, np.array(voltages))
 
 
 def _battery(sample: SensorSample) -> Any:

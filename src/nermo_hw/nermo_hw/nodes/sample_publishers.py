@@ -13,6 +13,7 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import BatteryState, Imu, JointState
 
 from nermo_description.battery import BatteryModel
+from nermo_description.feet import named_readings
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_hw.types import SensorSample
 from nermo_interfaces.msg import ServoStates, Tactile
@@ -84,7 +85,7 @@ def _fill_imu(message: Imu, sample: SensorSample) -> None:
 
 
 def _fill_tactile(message: Tactile, sample: SensorSample) -> None:
-    message.piezoresistive, message.piezoelectric = sample.piezoresistive, sample.piezoelectric
+    message.name, message.voltage = named_readings(sample.cells)
 
 
 def _fill_joints(message: JointState, sample: SensorSample) -> None:

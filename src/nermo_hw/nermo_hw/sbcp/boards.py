@@ -32,6 +32,8 @@ SERVO_BOARDS: dict[int, tuple[str | None, ...]] = {
     4: ("rear_right_hip", "rear_right_knee", "tail", None),
 }
 """ID of each servo board: its servos. One a leg, with its knee encoder and tactile cells; in the order of LEGS."""
+CELLS = ("piezoresistive", "piezoelectric")
+"""Cell of the foot on each tactile channel of a servo board."""
 LEG_OF_BOARD = dict(zip(SERVO_BOARDS, LEGS, strict=True))
 BODY_BOARD = (int(DeviceClass.BODY_BOARD), 1)
 """IMU and battery."""
@@ -199,7 +201,7 @@ ACKNOWLEDGE = 0x20
 """Latched faults are forgotten."""
 
 _SERVO_REQUEST = struct.Struct("<BB4h")
-_SERVO_ANSWER = struct.Struct("<BBHI4h4h4Hh2h")
+_SERVO_ANSWER = struct.Struct(f"<BBHI4h4h4Hh{len(CELLS)}h")
 _BODY_REQUEST = struct.Struct("<BB")
 _BODY_ANSWER = struct.Struct("<BBHI4h3h3hHH")
 
@@ -245,8 +247,8 @@ class ServoAnswer:
     velocities: Array
     currents: Array
     knee_angle: float
-    piezoresistive: float
-    piezoelectric: float
+    cells: Array
+    """[V], one of each of CELLS"""
 
     def encode(self) -> bytes:
         """The payload; values beyond what their field holds become the nearest."""
@@ -259,8 +261,7 @@ class ServoAnswer:
             *_signed_all(self.velocities, SPEED),
             *(_unsigned(value / CURRENT) for value in self.currents.tolist()),
             _signed(self.knee_angle / ANGLE),
-            _signed(self.piezoresistive / TACTILE),
-            _signed(self.piezoelectric / TACTILE),
+            *_signed_all(self.cells, TACTILE),
         )
 
     @classmethod
@@ -275,8 +276,8 @@ class ServoAnswer:
             _readings(values[0:4], ANGLE),
             _readings(values[4:8], SPEED),
             _readings(values[8:12], CURRENT, NO_UNSIGNED_READING),
-            *_readings(values[12:13], ANGLE).tolist(),
-            *_readings(values[13:15], TACTILE).tolist(),
+            float(_readings(values[12:13], ANGLE)[0]),
+            _readings(values[13:], TACTILE),
         )
 
 

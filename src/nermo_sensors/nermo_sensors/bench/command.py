@@ -9,6 +9,7 @@ from typing import Any
 from nermo_sensors.bench.figure import figure_facts
 from nermo_sensors.bench.judgement import judge_run, update_times
 from nermo_sensors.bench.rig import Rig
+from nermo_sensors.models.piezoresistive import PiezoresistiveParameters
 from nermo_sensors.parameters import load_tactile
 
 FIT_SEED, TUNE_SEED, JUDGE_SEED = 1, 2, 3
@@ -27,7 +28,7 @@ def bench_sensors(
     Calibration and covariances are those of the robot's parameter file, from runs 1 and 2 (docs/nermo_sensors.md).
     """
     parameters = load_tactile(robot)
-    rig = Rig(peak=2.8 * parameters.piezoresistive.saturation_force)
+    rig = Rig(peak=2.8 * parameters.cell(PiezoresistiveParameters).saturation_force)
     if quick:
         rig = Rig(peak=rig.peak, periods=3, seconds=2.0)
     recording = rig.run(parameters, seed)

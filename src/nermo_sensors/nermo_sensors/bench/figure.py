@@ -74,19 +74,17 @@ def figure_rows(seeds: int = 20, seconds: float = 60.0, seed: int = 0) -> list[F
     )
     model = RateModel(PAIR, RateCalibration(gain=1.0), noise)
     banks = {name: LoadFilter(model, seeds) for name in ("fused", "piezoresistive", "piezoelectric")}
-    missing = np.full(seeds, np.nan)
     errors = {name: np.empty((samples, seeds)) for name in banks}
     for row in range(samples):
-        both = (
-            static[row] + STATIC_NOISE * random.standard_normal(seeds),
-            dynamic[row] + DYNAMIC_NOISE * random.standard_normal(seeds),
+        both = np.array(
+            [
+                static[row] + STATIC_NOISE * random.standard_normal(seeds),
+                dynamic[row] + DYNAMIC_NOISE * random.standard_normal(seeds),
+            ]
         )
         for name, filters in banks.items():
-            filters.step(
-                1.0 / SAMPLING,
-                both[0] if name != "piezoelectric" else missing,
-                both[1] if name != "piezoresistive" else missing,
-            )
+            read = np.array([[name != "piezoelectric"], [name != "piezoresistive"]])
+            filters.step(1.0 / SAMPLING, np.where(read, both, np.nan))
             errors[name][row] = filters.load - force[row]
     return [_row(name, error) for name, error in errors.items()]
 

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_sensors.bench.table import BenchRecording
+from nermo_sensors.bench.table import CELLS, BenchRecording
 from nermo_sensors.estimation.bank import FilterpyBank, KalmanBank
 from nermo_sensors.estimation.consistency import Quality, find_bumps, judge
-from nermo_sensors.estimation.health import CELLS
 from nermo_sensors.estimation.load_filter import ESTIMATORS, LoadFilter, make_model
 from nermo_sensors.estimation.offline import estimate, smooth
 from nermo_sensors.parameters import TactileParameters
@@ -66,10 +65,11 @@ def update_times(parameters: TactileParameters, feet: int = 4, samples: int = 20
         filters = LoadFilter(model, feet, bank)
         static = 1.2 + 0.01 * random.standard_normal((samples, feet))
         dynamic = 0.01 * random.standard_normal((samples, feet))
+        readings = np.stack([static, dynamic], axis=1)
         times = np.empty(samples)
         for row in range(samples):
             begin = time.perf_counter_ns()
-            filters.step(period, static[row], dynamic[row], 6.0)
+            filters.step(period, readings[row], 6.0)
             times[row] = time.perf_counter_ns() - begin
         result[name] = float(np.median(times)) * 1e-3
     return result

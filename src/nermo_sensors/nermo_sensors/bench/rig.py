@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-from nermo_sensors.bench.table import BenchRecording
+from nermo_sensors.bench.table import CELLS, BenchRecording
 from nermo_sensors.models.foot import TactileFeet
+from nermo_sensors.models.piezoelectric import PiezoelectricParameters
+from nermo_sensors.models.piezoresistive import PiezoresistiveParameters
 from nermo_sensors.parameters import TactileParameters
 
 Array = NDArray[np.float64]
@@ -47,8 +49,9 @@ class Rig:
     ) -> BenchRecording:
         """One run through all frequencies [Hz], on a rested foot, at the rate of the filters.
 
-        The seed draws noise, bias, temperature and the cam's ripple.
+        The seed draws noise, bias, temperature and the cam's ripple. Raises ParameterError for feet without C's cells.
         """
+        parameters.cell(PiezoresistiveParameters), parameters.cell(PiezoelectricParameters)
         random = np.random.default_rng([seed, 1])
         force, frequency = self._profile(frequencies, random)
         period = 1.0 / self.sampling_frequency
@@ -56,8 +59,8 @@ class Rig:
         feet.temperature += self.temperature_deviation * random.standard_normal()
         voltages = np.empty((len(force), 2))
         for row, (load, speed) in enumerate(zip(force.tolist(), frequency.tolist(), strict=True)):
-            (volts,), (dynamic_volts,) = feet.read([load], period, speed)
-            voltages[row] = volts, dynamic_volts
+            read = feet.read([load], period, speed)
+            voltages[row] = [read[cell][0] for cell in CELLS]
         low_pass = butter(4, self.cut_off, fs=self.sampling_frequency, output="sos")
         channels = [sosfilt(low_pass, channel) for channel in (force, voltages[:, 0], voltages[:, 1])]
         # The first half second shows the low-pass filter waking up, not the sensor.

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+CELLS = ("piezoresistive", "piezoelectric")
+"""What the bench measures: C's two cells."""
 COLUMNS = ("time_s", "force_n", "piezoresistive_v", "piezoelectric_v")
 """Columns that a table must have."""
 OPTIONAL = "frequency_hz"
@@ -43,6 +45,11 @@ class BenchRecording:
     def period(self) -> float:
         """Time between samples [s]."""
         return float(np.median(np.diff(self.time)))
+
+    @property
+    def readings(self) -> Array:
+        """(n, 2), one column of each of CELLS [V]."""
+        return np.stack([self.piezoresistive, self.piezoelectric], axis=1)
 
     def part(self, rows: NDArray[np.bool_] | slice) -> BenchRecording:
         """Some of the rows."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from nermo_sensors.estimation.bank import FilterpyBank, KalmanBank
 from nermo_sensors.estimation.contact import ContactDetector
-from nermo_sensors.estimation.health import Fault, HealthLimits, HealthMonitor
-from nermo_sensors.estimation.load_filter import LoadFilter, make_model
+from nermo_sensors.estimation.health import Expected, Fault, HealthLimits, HealthMonitor
+from nermo_sensors.estimation.load_filter import LoadFilter, cell_models, make_model
 from nermo_sensors.estimation.weight import share_weight
 from nermo_sensors.models.amplifier import NonInvertingAmplifier
 from nermo_sensors.models.piezoresistive import SoftConductance
@@ -63,8 +63,10 @@ class LegLoadEstimator:
         contact_certainty: float = 0.9,
     ) -> None:
         self._parameters, self._estimator, self._feet = parameters, estimator, feet
+        self.cells = tuple(parameters.cells.present)
+        """Names of a foot's cells."""
         self._filters = self._make(parameters.noises)
-        self.health = HealthMonitor(feet, limits, *_plausible(parameters))
+        self.health = HealthMonitor(_expected(parameters), feet, limits)
         self.set_contact(contact_force or parameters.contact_force, contact_certainty)
         self._stamp: int | None = None
         self._loads: LegLoads | None = None
@@ -93,25 +95,22 @@ class LegLoadEstimator:
     def step(
         self,
         stamp: int,
-        piezoresistive: Sequence[float] | Array,
-        piezoelectric: Sequence[float] | Array,
+        readings: Mapping[str, Sequence[float] | Array],
         frequency: float | None = None,
         swing: Sequence[bool] | None = None,
         weight: float | None = None,
     ) -> LegLoads | None:
-        """Takes the readings [V] of a stamp [ns]; NaN where there is none.
+        """Takes the readings [V] of a stamp [ns] by cell, one a foot; NaN where there is none.
 
-        `frequency` of the gait [rad/s]; `swing` says which legs are in the air by intention: a foot whose static cell
-        is broken is set to no load there, so that the dynamic one does not drift. `weight` [N] is what all feet bear
+        A cell that is not named has no reading; one that the feet do not have is not used. `frequency` of the gait
+        [rad/s]; `swing` says which legs are in the air by intention: a foot without a cell that feels a resting load is
+        set to no load there, so that the others do not drift. `weight` [N] is what all feet bear
         together, as the IMU says (`weight.felt_weight`), where that is known. Returns None before the second
         sample, and the last estimate for a sample that is late or repeated.
 
         Raises ValueError where a channel has a wrong number of readings.
         """
-        readings = np.array([piezoresistive, piezoelectric], dtype=np.float64)
-        if readings.shape != (2, self._feet):
-            raise ValueError(f"readings: {readings.shape[1:]} of them for {self._feet} feet")
-        readings[~np.isfinite(readings)] = np.nan
+        voltages = self._in_order(readings)
         if self._stamp is not None and stamp <= self._stamp:
             if self._stamp - stamp < LATE:
                 self.ignored += 1
@@ -124,17 +123,18 @@ class LegLoadEstimator:
         period = min((stamp - self._stamp) * 1e-9, LONGEST_GAP)
         self._stamp = stamp
         trusted = self.health.trusted
-        self._filters.step(period, readings[0], readings[1], frequency, trusted)
+        self._filters.step(period, voltages, frequency, trusted)
         air = None if swing is None else np.asarray(swing, dtype=bool)
-        self.health.watch(period, readings, self._filters.surprise, air)
-        if air is not None and not trusted[0].all():
-            self._rest(air & ~trusted[0])
+        self.health.watch(period, voltages, self._filters.surprise, air)
+        feels_rest = trusted[self.health.feels_rest].any(axis=0)
+        if air is not None and not feels_rest.all():
+            self._rest(air & ~feels_rest)
         self._repair()
         self._loads = self._answer(stamp, weight)
         return self._loads
 
     def broken(self) -> list[tuple[int, int, Fault]]:
-        """Foot, cell (0 static, 1 dynamic) and fault of each cell that is not believed."""
+        """Foot, cell (its place in `cells`) and fault of each cell that is not believed."""
         return [
             (foot, cell, fault)
             for cell, faults in enumerate(self.health.faults)
@@ -144,7 +144,19 @@ class LegLoadEstimator:
 
     def _make(self, noises: Noises) -> LoadFilter:
         model = make_model(self._estimator, self._parameters.calibration, noises)
-        return LoadFilter(model, self._feet, KalmanBank if self._estimator == "memory" else FilterpyBank)
+        bank = KalmanBank if self._estimator == "memory" else FilterpyBank
+        return LoadFilter(model, self._feet, bank, cell_models(model, self._parameters.cells.present))
+
+    def _in_order(self, readings: Mapping[str, Sequence[float] | Array]) -> Array:
+        """(cells, feet) [V]; NaN where there is no number."""
+        voltages = np.full((len(self.cells), self._feet), np.nan)
+        for row, cell in zip(voltages, self.cells, strict=True):
+            if cell in readings:
+                if len(readings[cell]) != self._feet:
+                    raise ValueError(f"{cell}: {len(readings[cell])} of them for {self._feet} feet")
+                row[:] = readings[cell]
+        voltages[~np.isfinite(voltages)] = np.nan
+        return voltages
 
     def _rest(self, use: NDArray[np.bool_]) -> None:
         bank = self._filters.bank
@@ -175,6 +187,12 @@ class LegLoadEstimator:
             self._contact.contact.copy(),
             self._contact.since.copy(),
         )
+
+
+def _expected(parameters: TactileParameters) -> list[Expected]:
+    """Of each cell of the feet."""
+    known = {"piezoresistive": _plausible(parameters)}
+    return [Expected(cell.feels_rest, *known.get(name, ())) for name, cell in parameters.cells.present.items()]
 
 
 def _plausible(parameters: TactileParameters) -> tuple[float, float]:

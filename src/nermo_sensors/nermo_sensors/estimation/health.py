@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -10,8 +11,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-CELLS = ("piezoresistive", "piezoelectric")
 
 
 class Fault(Enum):
@@ -22,7 +21,7 @@ class Fault(Enum):
     FROZEN = "reads the same number all the time"
     IMPLAUSIBLE = "reads what it never should"
     INVERTED = "reads more in the air than on the ground"
-    CONTRADICTION = "contradicts the other cell"
+    CONTRADICTION = "contradicts the other cells"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,37 +42,50 @@ class HealthLimits:
     """[s] of good readings before a cell is believed again."""
 
 
-class HealthMonitor:
-    """Watches the two cells of B feet."""
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What is known of a cell beforehand."""
 
-    def __init__(
-        self, count: int, limits: HealthLimits | None = None, lowest: float = -np.inf, span: float = np.inf
-    ) -> None:
-        """`lowest`: the piezoresistive cell never reads less [V], as no load is negative; `span`: its range [V]."""
-        self._limits, self._lowest, self._count = limits or HealthLimits(), lowest, count
-        self._span = span
+    feels_rest: bool = True
+    """Whether it feels a load that rests, and not only its changes."""
+    lowest: float = -np.inf
+    """It never reads less, as no load is negative [V]."""
+    span: float = np.inf
+    """Of its readings [V]."""
+
+
+class HealthMonitor:
+    """Watches the C cells of B feet."""
+
+    def __init__(self, cells: Sequence[Expected], count: int, limits: HealthLimits | None = None) -> None:
+        self._limits, self._count = limits or HealthLimits(), count
+        self._lowest, self._span = (np.array([[getattr(cell, name)] for cell in cells]) for name in ("lowest", "span"))
+        self.feels_rest = np.array([cell.feels_rest for cell in cells])
+        """(C,)"""
+        self._reference = int(np.argmax(self.feels_rest)) if self.feels_rest.any() else None
+        """The cell whose changes those are held against that feel nothing else."""
         self.clear()
 
     def clear(self) -> None:
         """Takes every cell for healthy."""
-        shape = (2, self._count)
+        shape = (len(self.feels_rest), self._count)
         self._last = np.full(shape, np.nan)
         self._absent, self._same, self._good = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self.surprise = np.ones(shape)
         """Running mean of squared residual over expected variance."""
-        self._low = np.zeros(self._count)
-        self._slow, self._products = np.full(self._count, np.nan), np.zeros((3, self._count))
-        self._ground_air = np.full((2, self._count), np.nan)
-        self.faults: list[list[Fault]] = [[Fault.NONE] * self._count for _ in CELLS]
+        self._low = np.zeros(shape)
+        self._slow, self._products = np.full(self._count, np.nan), np.zeros((3, *shape))
+        self._ground_air = np.full((2, *shape), np.nan)
+        self.faults: list[list[Fault]] = [[Fault.NONE] * self._count for _ in self.feels_rest]
         self._trusted = np.ones(shape, dtype=bool)
 
     @property
     def trusted(self) -> Mask:
-        """(2, B): which cells to use."""
+        """(C, B): which cells to use."""
         return self._trusted
 
     def watch(self, period: float, readings: Array, surprise: Array, swing: Mask | None = None) -> None:
-        """Takes in the readings (2, B) [V] after a period [s], and how surprising each was (2, B), NaN if unknown.
+        """Takes in the readings (C, B) [V] after a period [s], and how surprising each was (C, B), NaN if unknown.
 
         `swing` (B,) says which feet are in the air by intention, where that is known.
         """
@@ -88,18 +100,18 @@ class HealthMonitor:
         step = np.where(known, np.minimum(surprise, 20.0 * limits.surprise), self.surprise) - self.surprise
         self.surprise = self.surprise + share * step
         with np.errstate(invalid="ignore"):
-            below = present[0] & (readings[0] < self._lowest)
+            below = present & (readings < self._lowest)
         self._low = np.where(below, self._low + period, 0.0)
 
         self._compare(period, readings, present)
         if swing is not None:
-            for where, rows in enumerate((~swing & present[0], swing & present[0])):
+            for where, rows in enumerate((~swing & present, swing & present)):
                 old = self._ground_air[where]
-                new = np.where(np.isnan(old), readings[0], old + min(1.0, period / limits.window) * (readings[0] - old))
+                new = np.where(np.isnan(old), readings, old + min(1.0, period / limits.window) * (readings - old))
                 self._ground_air[where] = np.where(rows, new, old)
 
         wrong = np.zeros(self._trusted.shape, dtype=bool)
-        for cell in range(2):
+        for cell in range(len(wrong)):
             for foot in range(self._count):
                 fault = self._fault(cell, foot)
                 if fault is not Fault.NONE:
@@ -111,22 +123,24 @@ class HealthMonitor:
         self._trusted = ~wrong & (self._trusted | (self._good >= limits.recover_after))
 
     def _compare(self, period: float, readings: Array, present: Mask) -> None:
-        """Running correlation of the dynamic cell with the changes of the static one."""
-        limits = self._limits
-        slow = np.where(np.isnan(self._slow), readings[0], self._slow)
-        slow = slow + min(1.0, period / limits.high_pass) * (readings[0] - slow)
-        self._slow = np.where(present[0], slow, self._slow)
-        x, y = readings[0] - self._slow, readings[1]
+        """Running correlation of every cell with the changes of the reference."""
+        if self._reference is None:
+            return
+        limits, static, there = self._limits, readings[self._reference], present[self._reference]
+        slow = np.where(np.isnan(self._slow), static, self._slow)
+        slow = slow + min(1.0, period / limits.high_pass) * (static - slow)
+        self._slow = np.where(there, slow, self._slow)
+        x, y = np.broadcast_to(static - self._slow, readings.shape), readings
         products = np.stack([x * y, x * x, y * y])
         share = min(1.0, 0.5 * period / limits.window)
-        both = present.all(axis=0)
+        both = present & there
         self._products = np.where(both, self._products + share * (products - self._products), self._products)
 
     @property
     def _opposed(self) -> Mask:
-        """Where the cells change in opposite directions, and far enough to be sure."""
+        """(C, B): which change against the reference, and far enough to be sure."""
         product, x2, y2 = self._products
-        enough = x2 > (0.02 * self._span) ** 2
+        enough = x2 > (0.02 * self._span[self._reference]) ** 2
         return np.asarray(enough & (product < -0.3 * np.sqrt(x2 * y2)))
 
     def _fault(self, cell: int, foot: int) -> Fault:
@@ -135,14 +149,22 @@ class HealthMonitor:
             return Fault.MISSING
         if self._same[cell, foot] >= limits.frozen_after:
             return Fault.FROZEN
-        if cell == 0 and self._low[foot] >= limits.missing_after:
+        if self._low[cell, foot] >= limits.missing_after:
             return Fault.IMPLAUSIBLE
-        if cell == 0 and self._ground_air[1, foot] - self._ground_air[0, foot] > 0.1 * self._span:
+        if self._ground_air[1, cell, foot] - self._ground_air[0, cell, foot] > 0.1 * self._span[cell, 0]:
             return Fault.INVERTED
-        if cell == 1 and self._trusted[0, foot] and self._opposed[foot]:
+        reference = self._reference
+        if (
+            reference is not None
+            and not self.feels_rest[cell]
+            and self._trusted[reference, foot]
+            and self._opposed[cell, foot]
+        ):
             return Fault.CONTRADICTION
-        # If both surprise, the one that surprises more is blamed; the other one is needed.
-        mine, other = self.surprise[cell, foot], self.surprise[1 - cell, foot]
-        if mine > limits.surprise and (mine >= other or not self._trusted[1 - cell, foot]):
+        # If several surprise, the one that surprises most is blamed; the others are needed.
+        others = self._trusted[:, foot].copy()
+        others[cell] = False
+        mine = self.surprise[cell, foot]
+        if mine > limits.surprise and not (self.surprise[others, foot] > mine).any():
             return Fault.CONTRADICTION
         return Fault.NONE

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nermo_sensors.estimation.bank import FilterBank, KalmanBank
 from nermo_sensors.estimation.memory import MemoryModel
-from nermo_sensors.estimation.model import LoadModel, Reading
+from nermo_sensors.estimation.model import CellModel, LoadModel, Reading
 from nermo_sensors.estimation.thesis import AccelerationModel, RateModel
+from nermo_sensors.models.cell import CellParameters
 from nermo_sensors.parameters import Calibration, Noises
 
 Array = NDArray[np.float64]
@@ -31,17 +32,41 @@ def make_model(estimator: str, calibration: Calibration, noises: Noises) -> Load
     raise ValueError(f"estimator: {estimator!r} is not one of {', '.join(ESTIMATORS)}")
 
 
-class LoadFilter:
-    """B filters of one model. Readings may be missing (NaN), in any combination."""
+def cell_models(model: LoadModel, cells: Mapping[str, CellParameters]) -> dict[str, CellModel]:
+    """Of a foot's cells: as the filter's model has them, or else as a law of the present load."""
+    return {name: model.cells.get(name) or _law_of_load(cell) for name, cell in cells.items()}
 
-    def __init__(self, model: LoadModel, count: int, bank: Callable[[Array, Array], FilterBank] = KalmanBank) -> None:
+
+def _law_of_load(cell: CellParameters) -> CellModel:
+    def read(x: Array, voltage: Array) -> Reading:
+        gradient = np.zeros_like(x)
+        value, gradient[:, 0] = cell.expected(x[:, 0])
+        return Reading(np.asarray(value), gradient)
+
+    return CellModel(read, cell.variance)
+
+
+class LoadFilter:
+    """B filters of one model. Readings may be missing (NaN), in any combination.
+
+    cells: what there is to read; by default the cells that the model has.
+    """
+
+    def __init__(
+        self,
+        model: LoadModel,
+        count: int,
+        bank: Callable[[Array, Array], FilterBank] = KalmanBank,
+        cells: Mapping[str, CellModel] | None = None,
+    ) -> None:
         self.model, self._count, self._bank = model, count, bank
+        self._cells = tuple((model.cells if cells is None else cells).values())
         self.clear()
 
     def clear(self) -> None:
         """Forgets all readings."""
         self.bank = self._bank(*self.model.start(self._count))
-        self.surprise = np.full((2, self._count), np.nan)
+        self.surprise = np.full((len(self._cells), self._count), np.nan)
         """Squared residual of the last reading over its expected variance, for each cell; about 1 where all is well."""
 
     @property
@@ -57,14 +82,13 @@ class LoadFilter:
     def step(
         self,
         period: float,
-        piezoresistive: Array,
-        piezoelectric: Array,
+        readings: Array,
         frequency: float | None = None,
         trusted: NDArray[np.bool_] | None = None,
     ) -> None:
-        """Goes on by a period [s] and takes in the voltages (B,) [V] and the load's frequency [rad/s], where known.
+        """Goes on by a period [s] and takes in voltages (cells, B) [V] and the load's frequency [rad/s], where known.
 
-        `trusted` (2, B) says which cells to believe; the others are only compared with what is expected of them.
+        `trusted` (cells, B) says which cells to believe; the others are only compared with what is expected of them.
 
         Raises ValueError for a period that is not positive.
         """
@@ -79,28 +103,23 @@ class LoadFilter:
                 where = int(np.argmax(reading.gradient[0]))
                 gradient = np.repeat(reading.gradient, self._count, axis=0)
                 bank.update(reading.value - bank.x[:, where], gradient, variance, np.ones(self._count, dtype=bool))
-        believed = np.ones((2, self._count), dtype=bool) if trusted is None else trusted
-        present = np.isfinite(piezoresistive)
-        if present.any():
-            voltage = np.where(present, piezoresistive, 0.0)
-            saturated, bound = model.saturation(voltage, bank.x)
-            plain = present & believed[0] & ~saturated
-            self._take(0, voltage, model.piezoresistive(bank.x, voltage), model.piezoresistive_variance, plain)
-            if saturated.any():
-                below = saturated & present & believed[0] & (bank.x[:, 0] < bound)
-                bank.raise_to(0, bound, below, model.bound_variance)
-                self.surprise[0, saturated] = np.nan
-        else:
-            self.surprise[0] = np.nan
-        present = np.isfinite(piezoelectric)
-        if present.any():
-            voltage = np.where(present, piezoelectric, 0.0)
-            use = present & believed[1]
-            self._take(1, voltage, model.piezoelectric(bank.x), model.piezoelectric_variance, use)
-        else:
-            self.surprise[1] = np.nan
+        believed = np.ones(self.surprise.shape, dtype=bool) if trusted is None else trusted
+        for number, cell in enumerate(self._cells):
+            self._take(number, cell, readings[number], believed[number])
 
-    def _take(self, cell: int, voltage: Array, reading: Reading, variance: object, use: NDArray[np.bool_]) -> None:
+    def _take(self, number: int, cell: CellModel, voltage: Array, believed: NDArray[np.bool_]) -> None:
+        present = np.isfinite(voltage)
+        if not present.any():
+            self.surprise[number] = np.nan
+            return
+        bank, use = self.bank, present & believed
+        voltage = np.where(present, voltage, 0.0)
+        saturated, bound = (None, None) if cell.saturation is None else cell.saturation(voltage, bank.x)
+        reading = cell.read(bank.x, voltage)
         residual = voltage - reading.value
-        expected = self.bank.update(residual, reading.gradient, variance, use)
-        self.surprise[cell] = residual * residual / expected
+        plain = use if saturated is None else use & ~saturated
+        expected = bank.update(residual, reading.gradient, cell.variance, plain)
+        self.surprise[number] = residual * residual / expected
+        if saturated is not None and bound is not None and saturated.any():
+            bank.raise_to(0, bound, saturated & use & (bank.x[:, 0] < bound), cell.bound_variance)
+            self.surprise[number, saturated] = np.nan

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_sensors.estimation.model import Mask, Reading
+from nermo_sensors.estimation.model import CellModel, Mask, Reading
 from nermo_sensors.models.amplifier import NonInvertingAmplifier
-from nermo_sensors.models.memory import ReversalHysteresis
+from nermo_sensors.models.hysteresis import ReversalHysteresis
 from nermo_sensors.models.piezoelectric import ChargeResponse, RateAccelerationResponse
 from nermo_sensors.models.piezoresistive import SoftConductance
 from nermo_sensors.parameters import Calibration, MemoryNoise
@@ -63,11 +62,14 @@ class MemoryModel:
         self._by_charge = calibration.law == "charge"
         self._gains = self._thesis_law.gains(2.0 * math.pi)
         self._noise = noise
-        self.piezoresistive_variance: Any = noise.piezoresistive
-        self.piezoelectric_variance: Any = noise.piezoelectric
         # The threshold is a reading like any other, and where the curve is flat it says little about the load.
         slope = self._volts * float(self._law.slope(self._law.force(saturated)))
-        self.bound_variance: Any = noise.piezoresistive / slope**2
+        self.cells = {
+            "piezoresistive": CellModel(
+                self.piezoresistive, noise.piezoresistive, self.saturation, noise.piezoresistive / slope**2
+            ),
+            "piezoelectric": CellModel(self.piezoelectric, noise.piezoelectric),
+        }
         self._prepared: _Prepared | None = None
 
     def start(self, count: int) -> tuple[Array, Array]:
@@ -98,6 +100,7 @@ class MemoryModel:
         return self._for(period).variances
 
     def piezoresistive(self, x: Array, voltage: Array) -> Reading:
+        """What the static cell reads; the slope is taken towards `voltage`."""
         felt = x[:, LOAD] + self._memory.hysteresis_width * x[:, HYSTERESIS] + x[:, LOAD_ERROR]
         gain = 1.0 + x[:, CREEP]
         conductance = self._law.conductance(felt)
@@ -115,7 +118,8 @@ class MemoryModel:
         gradient[:, CREEP] = self._volts * conductance
         return Reading(self._amplifier.reference_v + self._volts * gain * conductance, gradient)
 
-    def piezoelectric(self, x: Array) -> Reading:
+    def piezoelectric(self, x: Array, voltage: Array) -> Reading:
+        """What the dynamic cell reads."""
         gradient = np.zeros_like(x)
         gradient[:, BIAS] = 1.0
         if self._by_charge:
@@ -128,6 +132,7 @@ class MemoryModel:
         return Reading(value + x[:, BIAS], gradient)
 
     def saturation(self, voltage: Array, x: Array) -> tuple[Mask, Array]:
+        """Which readings of the static cell are saturated, and the load that they prove."""
         # Beyond its bound the load is free, but the reading still tells the creep.
         proven = np.full(len(voltage), self._proven)
         return (voltage > self._saturated * (1.0 + x[:, CREEP])) & (x[:, LOAD] < proven), proven

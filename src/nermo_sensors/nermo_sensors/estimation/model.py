@@ -1,7 +1,8 @@
-"""What a leg-load filter assumes: how the load moves, and what the two cells read then."""
+"""What a leg-load filter assumes: how the load moves, and what the cells of the foot read then."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -22,16 +23,27 @@ class Reading:
     """By the state, shape (B, n)."""
 
 
+@dataclass(frozen=True, slots=True)
+class CellModel:
+    """What a filter assumes of one cell."""
+
+    read: Callable[[Array, Array], Reading]
+    """Of states (B, n) and of what it does read (B,) [V], for a cell where that says where to take the slope."""
+    variance: Any
+    """Of a reading [V^2], a number or (B,)."""
+    saturation: Callable[[Array, Array], tuple[Mask, Array]] | None = None
+    """Of readings (B,) [V] and states (B, n): which are saturated, and the load [N] that they prove then."""
+    bound_variance: Any = 0.0
+    """Of that load [N^2]."""
+
+
 class LoadModel(Protocol):
     """Model of B legs. State 0 is always the load F [N], state 1 its rate [N/s]."""
 
     states: tuple[str, ...]
     """Names of the n states."""
-    piezoresistive_variance: Any
-    """Of a reading [V^2], a number or (B,)."""
-    piezoelectric_variance: Any
-    bound_variance: Any
-    """Of the load that a saturated reading proves [N^2]."""
+    cells: dict[str, CellModel]
+    """Of the cells whose memory is part of the state, by name."""
 
     def start(self, count: int) -> tuple[Array, Array]:
         """States (B, n) and covariances (B, n, n) before any reading."""
@@ -41,15 +53,6 @@ class LoadModel(Protocol):
 
     def process(self, period: float) -> Array:
         """Variances that a period [s] adds to the states, shape (n,) or (B, n)."""
-
-    def piezoresistive(self, x: Array, voltage: Array) -> Reading:
-        """Of the static cell; `voltage` (B,) is what it does read, for a model that cares where to take the slope."""
-
-    def piezoelectric(self, x: Array) -> Reading:
-        """Of the dynamic cell."""
-
-    def saturation(self, voltage: Array, x: Array) -> tuple[Mask, Array]:
-        """Whether a reading (B,) of the static cell is saturated, and the load [N] that it proves then."""
 
     def observe_frequency(self, frequency: float) -> tuple[Reading, float] | None:
         """Takes the load's frequency [rad/s]; a model with the frequency in its state answers a reading for it."""

@@ -38,15 +38,13 @@ def estimate(
 ) -> Estimates:
     """Runs `count` filters over one recording; without a cell, as if its readings were missing."""
     filters = LoadFilter(model, count)
-    rows, missing = len(recording.time), np.full(count, np.nan)
+    rows = len(recording.time)
     states, variance = np.empty((rows, count, len(model.states))), np.empty((rows, count))
-    static = np.repeat(recording.piezoresistive[:, None], count, axis=1)
-    dynamic = np.repeat(recording.piezoelectric[:, None], count, axis=1)
+    readings = np.repeat(recording.readings[:, :, None], count, axis=2)
+    readings[:, [not piezoresistive, not piezoelectric]] = np.nan
     period = recording.period
     for row, frequency in enumerate(recording.frequency.tolist()):
-        filters.step(
-            period, static[row] if piezoresistive else missing, dynamic[row] if piezoelectric else missing, frequency
-        )
+        filters.step(period, readings[row], frequency)
         states[row], variance[row] = filters.bank.x, filters.variance
     return Estimates(states, variance)
 
@@ -54,7 +52,7 @@ def estimate(
 def smooth(model: LoadModel, recording: BenchRecording) -> Estimates:
     """Rauch, Tung and Striebel's smoother over one recording: every estimate knows all readings, before and after."""
     filters, period = LoadFilter(model, 1), recording.period
-    rows, size = len(recording.time), len(model.states)
+    rows, size, readings = len(recording.time), len(model.states), recording.readings
     x, P = np.empty((rows, size)), np.empty((rows, size, size))
     ahead_x, ahead_P, transitions = np.empty_like(x), np.empty_like(P), np.empty_like(P)
     for row in range(rows):
@@ -63,12 +61,7 @@ def smooth(model: LoadModel, recording: BenchRecording) -> Estimates:
         F = np.broadcast_to(transition, (1, size, size))[0]
         transitions[row], ahead_x[row] = F, after[0]
         ahead_P[row] = F @ filters.bank.P[0] @ F.T + np.diag(np.reshape(model.process(period), size))
-        filters.step(
-            period,
-            recording.piezoresistive[row : row + 1],
-            recording.piezoelectric[row : row + 1],
-            float(recording.frequency[row]),
-        )
+        filters.step(period, readings[row, :, None], float(recording.frequency[row]))
         x[row], P[row] = filters.bank.x[0], filters.bank.P[0]
     for row in range(rows - 2, -1, -1):
         G = np.linalg.lstsq(ahead_P[row + 1], transitions[row + 1] @ P[row], rcond=None)[0].T

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_sensors.estimation.model import Mask, Reading
+from nermo_sensors.estimation.model import CellModel, Mask, Reading
 from nermo_sensors.models.piezoelectric import RateAccelerationResponse, RateResponse
 from nermo_sensors.models.piezoresistive import Sigmoid, SigmoidPair
 from nermo_sensors.parameters import (
@@ -24,15 +25,16 @@ SATURATION_SHARE = 0.95
 """From this share of the pair's rise on, a reading only says that the load is at least so large."""
 
 
-class _PairModel:
+class _PairModel(ABC):
     """What F1 and F2 share: the static cell as a pair of sigmoids (4.21)."""
 
     states: tuple[str, ...]
-    piezoresistive_variance: Any
-    piezoelectric_variance: Any
-    bound_variance: Any = 0.0
 
-    def __init__(self, pair: PairCalibration) -> None:
+    def __init__(self, pair: PairCalibration, noise: RateNoise) -> None:
+        self.cells = {
+            "piezoresistive": CellModel(self.piezoresistive, noise.piezoresistive, self.saturation),
+            "piezoelectric": CellModel(self.piezoelectric, noise.piezoelectric),
+        }
         rising, falling = (Sigmoid(s.a, s.b, s.c, s.d) for s in (pair.rising, pair.falling))
         self._pair = SigmoidPair(rising, falling, pair.switch)
         top = min(rising.upper, falling.upper)
@@ -41,12 +43,18 @@ class _PairModel:
         # A falling force reads more than a rising one: only the falling branch bounds the load from below.
         self._proven = float(min(rising.inverse(self._saturated), falling.inverse(self._saturated)))
 
+    @abstractmethod
+    def piezoelectric(self, x: Array, voltage: Array) -> Reading:
+        """What the dynamic cell reads."""
+
     def piezoresistive(self, x: Array, voltage: Array) -> Reading:
+        """What the static cell reads."""
         gradient = np.zeros_like(x)
         gradient[:, 0], gradient[:, 1] = self._pair.gradient(x[:, 0], x[:, 1])
         return Reading(self._pair.voltage(x[:, 0], x[:, 1]), gradient)
 
     def saturation(self, voltage: Array, x: Array) -> tuple[Mask, Array]:
+        """Which readings of the static cell are saturated, and the load that they prove."""
         return voltage > self._saturated, np.full(len(voltage), self._proven)
 
 
@@ -56,10 +64,9 @@ class RateModel(_PairModel):
     states: tuple[str, ...] = ("load", "rate", "bias")
 
     def __init__(self, pair: PairCalibration, rate: RateCalibration, noise: RateNoise) -> None:
-        super().__init__(pair)
+        super().__init__(pair, noise)
         self._law = RateResponse(rate.gain, rate.offset)
         self._noise = noise
-        self.piezoresistive_variance, self.piezoelectric_variance = noise.piezoresistive, noise.piezoelectric
 
     def start(self, count: int) -> tuple[Array, Array]:
         return np.zeros((count, 3)), np.tile(np.diag([25.0, 1e3, 1e-2]), (count, 1, 1))
@@ -71,7 +78,8 @@ class RateModel(_PairModel):
     def process(self, period: float) -> Array:
         return _stack(self._noise.force, self._noise.rate, self._noise.bias) * period
 
-    def piezoelectric(self, x: Array) -> Reading:
+    def piezoelectric(self, x: Array, voltage: Array) -> Reading:
+        """What the dynamic cell reads."""
         gradient = np.zeros_like(x)
         gradient[:, 1], gradient[:, 2] = self._law.gain, 1.0
         return Reading(self._law.voltage(x[:, 1]) + x[:, 2], gradient)
@@ -86,12 +94,11 @@ class AccelerationModel(_PairModel):
     states: tuple[str, ...] = ("load", "rate", "acceleration", "frequency", "bias")
 
     def __init__(self, pair: PairCalibration, law: RateAccelerationCalibration, noise: AccelerationNoise) -> None:
-        super().__init__(pair)
+        super().__init__(pair, noise)
         self._law = RateAccelerationResponse(
             law.rate_gain, law.rate_decay, law.acceleration_gain, law.acceleration_decay, law.offset
         )
         self._noise = noise
-        self.piezoresistive_variance, self.piezoelectric_variance = noise.piezoresistive, noise.piezoelectric
 
     def start(self, count: int) -> tuple[Array, Array]:
         x = np.zeros((count, 5))
@@ -108,7 +115,8 @@ class AccelerationModel(_PairModel):
         n = self._noise
         return _stack(n.force, n.rate, n.acceleration, n.frequency, n.bias) * period
 
-    def piezoelectric(self, x: Array) -> Reading:
+    def piezoelectric(self, x: Array, voltage: Array) -> Reading:
+        """What the dynamic cell reads."""
         by_rate, by_acceleration = self._law.gains(x[:, 3])
         gradient = np.zeros_like(x)
         gradient[:, 1], gradient[:, 2], gradient[:, 4] = by_rate, by_acceleration, 1.0

@@ -9,6 +9,7 @@ from nermo_sensors.identification.fit import Fit
 from nermo_sensors.identification.piezoelectric import fit_charge, fit_rate, fit_rate_acceleration
 from nermo_sensors.identification.piezoresistive import fit_memory, fit_pair
 from nermo_sensors.models.amplifier import NonInvertingAmplifier
+from nermo_sensors.models.piezoresistive import PiezoresistiveParameters
 from nermo_sensors.parameters import Calibration, TactileParameters
 
 
@@ -24,9 +25,9 @@ class Identification:
 def calibrate(recording: BenchRecording, parameters: TactileParameters) -> Identification:
     """Fits everything. The amplifier is known: its resistor and reference are not fitted.
 
-    Raises UnidentifiableError.
+    Raises UnidentifiableError, and ParameterError for feet without such a cell.
     """
-    cell = parameters.piezoresistive
+    cell = parameters.cell(PiezoresistiveParameters)
     amplifier = NonInvertingAmplifier(cell.feedback_resistance, cell.reference_voltage)
     pair, pair_fit = fit_pair(recording)
     memory, memory_fit = fit_memory(recording, amplifier)

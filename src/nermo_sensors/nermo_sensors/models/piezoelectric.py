@@ -1,12 +1,15 @@
-"""From changes of force to volts: three laws of a PZT crystal behind its amplifier (C 4.3.2.2). Arrays or floats."""
+"""A PZT crystal and its amplifier (C 4.3.2.2): three laws from changes of force to volts, and the cell."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+
+from nermo_description.parameters import Finite, NonNegative, Positive
+from nermo_sensors.models.cell import CellParameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,3 +92,72 @@ class ChargeResponse:
     def voltage(self, charge: Any, rate: Any) -> Any:
         """[V] for a charge [N] and the force's rate [N/s]."""
         return self.gain * ((1.0 + self.lag / self.leak) * charge - self.lag * rate) + self.offset
+
+
+class PiezoelectricParameters(CellParameters):
+    """A PZT crystal and its charge amplifier, as the twin and the simulated bench have it (C 4.3.2)."""
+
+    feels_rest = False
+
+    response: Literal["charge_amplifier", "rate_and_acceleration"]
+    """Which of the two laws of `models.piezoelectric` it follows."""
+    gain: Positive
+    """[V/N], of the charge amplifier."""
+    leak: Positive
+    """Time constant of the charge amplifier [s]."""
+    lag: NonNegative
+    """Of the silicone [s]."""
+    rate_gain: Finite
+    """k_r [V s/N]"""
+    rate_decay: Positive
+    """[rad/s]"""
+    acceleration_gain: Finite
+    """k_a [V s^2/N]"""
+    acceleration_decay: Positive
+    """[rad/s]"""
+    preload: NonNegative
+    """Force that the cell is mounted with [N] (C 4.3.2.2)."""
+    seating_force: NonNegative
+    """Below this total force [N] air gaps hide changes from the crystal; a larger preload cures it."""
+
+    def make(self) -> PiezoelectricCell:
+        """As `CellParameters` says."""
+        return PiezoelectricCell(self)
+
+
+class PiezoelectricCell:
+    """One PZT crystal with preload, lag, and leak of its charge amplifier."""
+
+    def __init__(self, parameters: PiezoelectricParameters) -> None:
+        self._parameters = p = parameters
+        self._charge_law = ChargeResponse(p.gain, p.leak)
+        self._thesis_law = RateAccelerationResponse(
+            p.rate_gain, p.rate_decay, p.acceleration_gain, p.acceleration_decay
+        )
+        self._converter = p.converter.make()
+        self._felt = self._lagged = math.nan
+        self._charge = self._rate = 0.0
+
+    def read(self, force: float, period: float, frequency: float, temperature: float, offset: float = 0.0) -> float:
+        """As `Cell` says; the frequency matters to the rate and acceleration response only."""
+        p = self._parameters
+        felt = max(force + p.preload - p.seating_force, 0.0)
+        if math.isnan(self._felt):
+            self._felt = self._lagged = felt
+        rate = (felt - self._felt) / period
+        self._felt = felt
+        if p.response == "rate_and_acceleration":
+            acceleration, self._rate = (rate - self._rate) / period, rate
+            by_rate, by_acceleration = self._thesis_law.gains(frequency)
+            voltage = float(by_rate * rate + by_acceleration * acceleration)
+        else:
+            before = self._lagged
+            self._lagged += (felt - before) * (-math.expm1(-period / p.lag) if p.lag > 0.0 else 1.0)
+            self._charge = self._charge_law.advance(self._charge, self._lagged - before, period)
+            voltage = p.gain * self._charge
+        return self._converter.read(voltage + offset)
+
+    def clear(self) -> None:
+        """Forgets the past; the next force is taken to have rested on the foot for long."""
+        self._felt = self._lagged = math.nan
+        self._charge = self._rate = 0.0

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
 
+from nermo_description.feet import readings_by_cell
 from nermo_description.parameters import LEGS
 from nermo_description.robots import load_any_robot
 from nermo_description.silence import WALK
@@ -22,7 +23,6 @@ from nermo_node.inputs import Inputs
 from nermo_node.parameters import blame, declare
 from nermo_node.time import to_message, to_nanoseconds
 from nermo_sensors.estimation.estimator import LegLoadEstimator
-from nermo_sensors.estimation.health import CELLS
 from nermo_sensors.estimation.weight import felt_weight
 from nermo_sensors.parameters import TactileParameters, load_tactile, tactile_of_robot
 
@@ -138,9 +138,10 @@ class LegLoadEstimatorNode(Node):
         weight = None
         if self._weigh and self._weight is not None and abs(stamp - self._weight[0]) <= WEIGHT_STALE_NS:
             weight = self._weight[1]
-        loads = self._estimator.step(
-            stamp, list(message.piezoresistive), list(message.piezoelectric), frequency, swing, weight
-        )
+        readings = readings_by_cell(message.name, message.voltage)
+        loads = self._estimator.step(stamp, readings, frequency, swing, weight)
+        if unknown := set(readings).difference(self._estimator.cells):
+            self._refused.add([f"tactile: the feet {self._feet.name} have no cell {', '.join(sorted(unknown))}"])
         if self._estimator.restarts > restarts:
             self._refused.add(["time ran backwards, or a filter diverged: the estimates begin anew"])
         if loads is None or loads.stamp != stamp:
@@ -177,13 +178,14 @@ class LegLoadEstimatorNode(Node):
         return OK, "running" if self._listened else "nobody listens: a sample every 50 ms is enough", values
 
     def _foot(self, foot: int) -> Status:
-        surprise = self._estimator.health.surprise[:, foot]
-        values = {f"{cell}_surprise": round(float(s), 2) for cell, s in zip(CELLS, surprise, strict=True)}
-        broken = [(cell, fault) for number, cell, fault in self._estimator.broken() if number == foot]
+        cells, surprise = self._estimator.cells, self._estimator.health.surprise[:, foot]
+        values = {f"{cell}_surprise": round(float(s), 2) for cell, s in zip(cells, surprise, strict=True)}
+        broken = {cells[cell]: fault for number, cell, fault in self._estimator.broken() if number == foot}
         if not broken:
-            return OK, "both cells agree", values
-        texts = [f"the {CELLS[cell]} cell {fault.value}" for cell, fault in broken]
-        rest = "no cell is left" if len(broken) == 2 else f"the {CELLS[1 - broken[0][0]]} cell carries on alone"
+            return OK, "the cells agree", values
+        texts = [f"the {cell} cell {fault.value}" for cell, fault in broken.items()]
+        left = [cell for cell in cells if cell not in broken]
+        rest = f"the estimate goes on with {' and '.join(left)}" if left else "no cell is left"
         return WARN, f"{LEGS[foot]}: {', '.join(texts)}; {rest}", values
 
 

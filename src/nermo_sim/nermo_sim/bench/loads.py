@@ -11,7 +11,6 @@ from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_description.parameters import LEGS
 from nermo_description.robots import load_robot
 from nermo_sensors.bench.walk import judge_walk
-from nermo_sensors.estimation.health import CELLS
 from nermo_sensors.estimation.load_filter import ESTIMATORS
 from nermo_sensors.parameters import tactile_of_robot
 from nermo_sim.bench.loop import WALK
@@ -46,6 +45,7 @@ def bench_loads(robot: str = "nermo_lite", duration: float = 20.0, seed: int = 0
             rows += [{"source": "in process", "estimator": name, "weigh": weigh, **row} for row in judged]
         times[name] = float(np.median(felt.times)) * 1e-3
         faults += [
-            f"{name}: {LEGS[foot]}, {CELLS[cell]} {fault.value}" for foot, cell, fault in felt.estimator.broken()
+            f"{name}: {LEGS[foot]}, {felt.estimator.cells[cell]} {fault.value}"
+            for foot, cell, fault in felt.estimator.broken()
         ]
     return {"loads": rows, "loads_update_us": times, "loads_faults": faults, "contact_force_n": threshold}

@@ -26,7 +26,7 @@ from nermo_sim.disturbance import Disturbance, DisturbedRun
 from nermo_sim.experiments.experiment import Experiment, Facts, Finished
 from nermo_sim.experiments.runs import Job, Result, Settings, mean, rounded, spread
 from nermo_sim.models import compiled
-from nermo_sim.recording import Recorder, Recording
+from nermo_sim.run_table import Recorder, Recording
 from nermo_sim.twin import Twin
 
 SWEEP = 0.7

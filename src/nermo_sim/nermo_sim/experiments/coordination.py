@@ -25,7 +25,7 @@ from nermo_sim.experiments.orientation import orientation_noise
 from nermo_sim.experiments.runs import FALLEN, SETTLE, Job, Result, Settings, full_speed, mean, spread, standing_loop
 from nermo_sim.loads import FeltLoads, TrueLoads
 from nermo_sim.loop import Loop, constant
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 from nermo_sim.twin import Twin
 
 GAIT, FREQUENCY = "trot", 0.8

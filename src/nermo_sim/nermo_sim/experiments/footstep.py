@@ -23,7 +23,7 @@ from nermo_sim.experiments.experiment import Experiment, Facts, Figures, Finishe
 from nermo_sim.experiments.losses import foot_motion
 from nermo_sim.experiments.runs import SETTLE, Job, Result, Settings, standing_loop
 from nermo_sim.loop import Loop, constant, schedule
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 from nermo_sim.twin import Twin
 
 Array = NDArray[np.float64]

@@ -30,7 +30,7 @@ from nermo_sim.experiments.experiment import Experiment, Facts, Figures, Finishe
 from nermo_sim.experiments.runs import FALLEN, Job, Result, Settings
 from nermo_sim.loads import TrueLoads
 from nermo_sim.loop import Loop, constant
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 from nermo_sim.sensor_data import SensorData
 from nermo_sim.twin import Twin
 

@@ -20,7 +20,7 @@ from nermo_sim.divergence import STATE
 from nermo_sim.experiments.experiment import Experiment
 from nermo_sim.experiments.runs import FALLEN, Job, Result, Settings, full_speed, mean, spread, standing_loop
 from nermo_sim.loop import constant
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 
 GAIT, FREQUENCY = "trot", 0.8
 """With stride extension and offset compensation: where the spine swings the head most."""

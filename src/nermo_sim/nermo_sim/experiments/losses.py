@@ -29,7 +29,7 @@ from nermo_control.spine.tendon import SpineTendon
 from nermo_control.types import Phase
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_sim.divergence import STATE
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 
 AXES = ("roll", "pitch", "yaw")
 CYCLES_DRAWN = 2

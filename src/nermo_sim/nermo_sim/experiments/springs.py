@@ -16,7 +16,7 @@ from nermo_control.types import Phase
 from nermo_description.blocks.leg import knee_angle
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_sim.experiments.losses import TOUCHING
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 
 JOINTS = tuple(f"{pair}_{joint}" for pair in ("front", "rear") for joint in ("knee", "ankle"))
 TOUCH_DOWN, LIFT_OFF = "touch_down", "lift_off"

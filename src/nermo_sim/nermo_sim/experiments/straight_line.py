@@ -23,7 +23,7 @@ from nermo_sim.experiments.orientation import mean_cycles, orientation_noise
 from nermo_sim.experiments.runs import FALLEN, Job, Result, Settings, mean, spread, standing_loop
 from nermo_sim.experiments.springs import spring_deflections
 from nermo_sim.loop import constant
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 from nermo_sim.twin import Twin
 
 GAITS = ("trot", "walking_trot", "lateral_walk")

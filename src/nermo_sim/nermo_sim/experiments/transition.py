@@ -24,7 +24,7 @@ from nermo_sim.experiments.experiment import Experiment, Facts, Figures, Finishe
 from nermo_sim.experiments.footfalls import name_gait, touch_down_lags, touch_downs
 from nermo_sim.experiments.runs import FALLEN, SETTLE, Job, Result, Settings, standing_loop
 from nermo_sim.loop import constant
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 
 STEP = math.pi / 2.0
 """Of the excitation [rad/s]."""

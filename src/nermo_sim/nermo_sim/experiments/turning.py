@@ -18,7 +18,7 @@ from nermo_sim.experiments.experiment import Experiment
 from nermo_sim.experiments.runs import FALLEN, Job, Result, Settings, full_speed, mean, spread, standing_loop
 from nermo_sim.experiments.straight_line import FREQUENCIES, GAITS
 from nermo_sim.loop import constant
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 from nermo_sim.twin import Twin
 
 STRATEGIES: tuple[TurningStrategy, ...] = get_args(TurningStrategy)

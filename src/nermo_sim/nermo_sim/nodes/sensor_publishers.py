@@ -16,6 +16,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Imu, JointState
 
 from nermo_description.battery import Battery
+from nermo_description.feet import named_readings
 from nermo_interfaces.msg import FootForces, ServoStates, Tactile
 from nermo_node import qos
 from nermo_node.time import to_message
@@ -123,7 +124,7 @@ class SensorPublishers:
         message.contact = list(touching)
 
     def _fill_tactile(self, message: Tactile, sensors: SensorData) -> None:
-        message.piezoresistive, message.piezoelectric = self._tactile.read(sensors.foot_forces, self._tactile_period)
+        message.name, message.voltage = named_readings(self._tactile.read(sensors.foot_forces, self._tactile_period))
 
     def _fill_joints(self, message: JointState, sensors: SensorData) -> None:
         positions, velocities = self._twin.joint_states()

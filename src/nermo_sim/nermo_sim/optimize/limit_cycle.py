@@ -32,7 +32,7 @@ from nermo_sim.experiments.result_log import ResultLog, fingerprint, seed_for
 from nermo_sim.experiments.runs import FALLEN
 from nermo_sim.loop import Loop, constant
 from nermo_sim.optimize.rollouts import Rollouts
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 from nermo_sim.twin import Twin
 
 Array = NDArray[np.float64]

@@ -21,7 +21,7 @@ from nermo_sim.experiments.result_log import fingerprint
 from nermo_sim.experiments.runs import FALLEN, SETTLE
 from nermo_sim.loop import Loop, constant
 from nermo_sim.models import compiled
-from nermo_sim.recording import Recording
+from nermo_sim.run_table import Recording
 from nermo_sim.twin import Twin
 
 GRAVITY = 9.81

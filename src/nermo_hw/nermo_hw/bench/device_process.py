@@ -1,6 +1,6 @@
 """The device of a measurement: the emulator on a bench, which can also be tilted and run down.
 
-python -m nermo_hw.bench.device PSEUDO_TERMINAL ROBOT
+python -m nermo_hw.bench.device_process PSEUDO_TERMINAL ROBOT
 """
 
 from __future__ import annotations

@@ -26,6 +26,8 @@ from numpy.typing import NDArray
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
+from nermo_node.older_messages import as_today
+
 Array = NDArray[Any]
 
 
@@ -267,7 +269,7 @@ def _records_of_chunk(content: bytes) -> Iterator[tuple[int, bytes, int, int]]:
 
 
 class _Decoder:
-    """Decodes messages by the schemas that the recording itself carries."""
+    """Decodes messages by the schemas that the recording itself carries, and makes those of today of older ones."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -284,7 +286,7 @@ class _Decoder:
                 raise self._unusable(message, f"its schema cannot be read: {error}") from error
             self._known.add(name)
         try:
-            return self._types.deserialize_cdr(message.data, name)
+            return as_today(name, self._types.deserialize_cdr(message.data, name))
         except KeyError as error:
             raise self._unusable(message, f"its schema does not say what {error.args[0]} is") from error
         except (SerdeError, ValueError) as error:

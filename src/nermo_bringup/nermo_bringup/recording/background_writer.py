@@ -7,8 +7,8 @@ import threading
 import time
 from dataclasses import dataclass
 
-from nermo_bringup.recording.bag import BagWriter, Topic
 from nermo_bringup.recording.errors import RecordingError
+from nermo_bringup.recording.writer import BagWriter, Topic
 
 FLUSH_PERIOD_S = 0.5
 BACKLOG_BYTES = 64 * 2**20
