@@ -12,7 +12,7 @@ import pytest
 
 # Domains above 101 reach into the port range that Linux gives to anybody.
 _DOMAINS = range(1, 102)
-# Files with one of these words in their name bring nodes up; their tests run one by one, but for those marked parallel.
+# Files with one of these words in their name bring nodes up; their tests run one by one.
 _GRAPH_WORDS = {"demo", "graph", "node", "nodes"}
 _held = None
 
@@ -56,5 +56,5 @@ def pytest_configure(config):
 
 def pytest_collection_modifyitems(items):
     for item in items:
-        if _GRAPH_WORDS & set(item.path.stem.split("_")) and item.get_closest_marker("parallel") is None:
+        if _GRAPH_WORDS & set(item.path.stem.split("_")):
             item.add_marker(pytest.mark.ros)

@@ -79,7 +79,6 @@ def test_every_node_of_the_workspace_is_thrown_at(tmp_path: Path) -> None:
     assert {"mujoco_sim", "motion_module", "safety_supervisor", "gap_monitor"} <= {name for _, name in thrown_at}
 
 
-@pytest.mark.parallel
 def test_a_node_that_does_not_exist_is_wrong_usage() -> None:
     done = CliRunner().invoke(bench_app, ["fuzz", "--node", "moon_walker"])
     assert isinstance(done.exception, CommandError) and done.exception.status == 2

@@ -64,12 +64,11 @@ def test_in_lockstep_each_tick_gets_its_own_command(graph, file: str) -> None:
     assert by_tick == {tick: (0.05 if tick >= 100 else 0.0) for tick in range(0, max(by_tick) + 1, 5)}
 
 
-@pytest.mark.parallel
 def test_a_wrong_file_ends_the_player_with_one_sentence(graph, tmp_path: Path) -> None:
     path = tmp_path / "walk.yaml"
     path.write_text("commands: [{at: 0, gait_frequency: 50}]")
     player = graph.start(PLAYER, *graph.parameters(file=str(path)))
-    output, _ = player.communicate(timeout=120)
+    output, _ = player.communicate(timeout=30)
     assert player.returncode == 2
     assert f"{path}: commands.0.gait_frequency: is 50" in output
     assert "Traceback" not in output

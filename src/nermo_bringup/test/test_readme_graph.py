@@ -44,12 +44,10 @@ READ_ONLY = [
 BY_HAND = [line for line in LINES if not line.startswith("./nermo")]
 
 
-@pytest.mark.parallel
 def test_every_line_of_the_readme_is_tried() -> None:
     assert sorted(line for line in LINES if line.startswith("./nermo")) == sorted([DRIVEN, *LIVE, *READ_ONLY])
 
 
-@pytest.mark.parallel
 @pytest.mark.parametrize("line", [DRIVEN, *READ_ONLY])
 def test_commands_that_take_long_are_at_least_understood(line: str, monkeypatch) -> None:
     read: list[list[str]] = []
@@ -75,7 +73,6 @@ def parse(app: typer.Typer, words: list[str]) -> list[str]:
     return words
 
 
-@pytest.mark.parallel
 def test_what_is_typed_by_hand_names_what_is_there() -> None:
     assert len(BY_HAND) == 6, "python3 -m venv to python -m nermo_bringup"
     for line in BY_HAND:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 from pathlib import Path
 
-import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3
 from rclpy.publisher import Publisher
@@ -103,10 +102,9 @@ def test_a_topic_whose_publishers_change_is_still_heard(graph, tmp_path: Path) -
     graph.spin_until(lambda: count_on_disk(directory, "/nermo/sensor") == 4, "the best-effort publisher was heard")
 
 
-@pytest.mark.parallel
 def test_an_existing_directory_is_refused(graph, tmp_path: Path) -> None:
     recorder = graph.start(RECORDER, *graph.parameters(directory=str(tmp_path)))
-    output, _ = recorder.communicate(timeout=120)
+    output, _ = recorder.communicate(timeout=30)
     assert recorder.returncode == 1
     assert f"{tmp_path} exists already" in output
     assert "Traceback" not in output

@@ -106,10 +106,9 @@ def test_a_lost_pad_stops_the_mouse_and_a_button_stops_it_for_good(graph, heard)
     graph.spin_until(lambda: heard.commands[-1].posture == ControlCommand.POSTURE_STOP, "the posture is STOP")
 
 
-@pytest.mark.parallel
 def test_an_unknown_pad_ends_teleop_with_one_sentence(graph) -> None:
     teleop = graph.start("nermo_bringup.nodes.teleop", *graph.parameters(pad="/nowhere/pad.yaml"))
-    output, _ = teleop.communicate(timeout=120)
+    output, _ = teleop.communicate(timeout=30)
     assert teleop.returncode == 2
     assert "/nowhere/pad.yaml: cannot be read" in output
     assert "Traceback" not in output
@@ -146,10 +145,9 @@ def test_the_keyboard_drives_and_gives_the_terminal_back(graph, heard, ending: s
     os.close(terminal)
 
 
-@pytest.mark.parallel
 def test_a_keyboard_teleop_without_a_terminal_says_so(graph) -> None:
     teleop = graph.start("nermo_bringup.nodes.keyboard_teleop")
-    output, _ = teleop.communicate(timeout=120)
+    output, _ = teleop.communicate(timeout=30)
     assert teleop.returncode == 1
     assert "needs a terminal" in output
     assert "Traceback" not in output

@@ -117,7 +117,6 @@ def test_the_graph_moves_the_robot_at_the_far_end(bench: Node, tmp_path: Path) -
         rig.close()
 
 
-@pytest.mark.parallel
 @pytest.mark.parametrize(
     ("parameter", "words"), [("link:=/nowhere.yaml", "/nowhere.yaml"), ("endpoint:=tcp/1:2", "quic/ or tls/")]
 )
@@ -129,7 +128,6 @@ def test_a_bad_parameter_ends_it_with_a_sentence(parameter: str, words: str) -> 
     assert words in done.stdout + done.stderr
 
 
-@pytest.mark.parallel
 def test_what_the_robot_writes_without_ros_is_what_ros_writes() -> None:
     message = ServoCommand(name=["tail", "head_pan"], position=[0.25, -math.pi])
     message.header.stamp.sec, message.header.stamp.nanosec = 12, 345
@@ -138,7 +136,6 @@ def test_what_the_robot_writes_without_ros_is_what_ros_writes() -> None:
     assert decode_command(serialize_message(message)) == (12_000_000_345, ["tail", "head_pan"], [0.25, -math.pi])
 
 
-@pytest.mark.parallel
 def test_the_definitions_are_those_of_the_interfaces() -> None:
     for name, text in DEFINITIONS.items():
         kind = getattr(msg, name.split("/")[-1])

@@ -108,14 +108,12 @@ def test_a_signal_ends_it_cleanly(bench: Node, start: Callable, number: signal.S
     assert (process.returncode, "destroyed" in output, "Traceback" in output) == (0, True, False), output
 
 
-@pytest.mark.parallel
 def test_what_a_signal_interrupts_is_no_fault(start: Callable) -> None:
     process = start("-p", "fails:=signal")
-    output, _ = process.communicate(timeout=4.0 * PATIENCE_S)
+    output, _ = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, [line for line in output.splitlines() if "[rcl]" not in line]) == (0, ["destroyed"])
 
 
-@pytest.mark.parallel
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
@@ -137,7 +135,7 @@ def test_what_a_signal_interrupts_is_no_fault(start: Callable) -> None:
 )
 def test_what_is_wrong_is_said_in_one_sentence(start: Callable, arguments: list[str], status: int, words: str) -> None:
     process = start(*arguments)
-    output, _ = process.communicate(timeout=4.0 * PATIENCE_S)
+    output, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == status, output
     sentences = [line for line in output.splitlines() if line != "destroyed" and "[rcl]" not in line]
     assert len(sentences) == 1, output
