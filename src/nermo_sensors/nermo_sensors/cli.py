@@ -153,23 +153,15 @@ def tune(
     """
     from nermo_sensors.bench.table import BenchRecording
     from nermo_sensors.parameters import load_tactile
+    from nermo_sensors.tuning import Swarm
     from nermo_sensors.tuning import tune as search
 
     with _told():
         parameters = load_tactile(robot)
         table = BenchRecording.load(recording)
         with _progress("generations") as progress:
-            found = search(
-                estimator.value,
-                parameters.calibration,
-                parameters.noises,
-                table,
-                objective=objective.value,  # type: ignore[arg-type]
-                particles=particles,
-                generations=generations,
-                seed=seed,
-                progress=progress,
-            )
+            swarm = Swarm(objective.value, particles, generations, seed)  # type: ignore[arg-type]
+            found = search(estimator.value, parameters.calibration, parameters.noises, table, swarm, progress)
     before, after = (getattr(noises, estimator.value).model_dump() for noises in (parameters.noises, found.noises))
     rows = [{"covariance": name, "before": before[name], "after": after[name]} for name in after]
     _print_rows(f"{estimator.value}, {objective.value}: cost {found.cost_before:.4g} -> {found.cost:.4g}", rows)

@@ -71,78 +71,101 @@ _COSTS: dict[str, Callable[[Estimates, int, BenchRecording], Array]] = {
 }
 
 
+@dataclass(frozen=True, slots=True)
+class Swarm:
+    """How the covariances are searched, and for what."""
+
+    objective: Objective = "thesis"
+    particles: int = 24
+    generations: int = 25
+    seed: int = 0
+
+
+class _Covariances:
+    """The covariances of one estimator that are searched, as decades [1], shape (B, n), and what they make of a run."""
+
+    def __init__(self, estimator: str, calibration: Calibration, noises: Noises, recording: BenchRecording) -> None:
+        self._estimator, self._calibration, self._noises, self.recording = estimator, calibration, noises, recording
+        present: BaseModel = getattr(noises, estimator)
+        self._kind = type(present)
+        # How long an error lasts stays as it is, and so does the size of a bias that lasts for a run: a run shows one
+        # draw of it, and a swarm free to call it small or short-lived finds a filter that follows no other run.
+        fields = self._kind.model_fields
+        kept = {"bias"} if "bias_time" in fields else set()
+        self.names = [name for name in fields if not name.endswith("_time") and name not in kept]
+        self._fixed = {name: getattr(present, name) for name in fields if name not in self.names}
+        self.start = np.log10([getattr(present, name) for name in self.names])
+        self._bias = make_model(estimator, calibration, noises).states.index("bias")
+
+    def filtered(self, points: Array) -> Estimates:
+        """The run through one filter a point."""
+        values = dict(zip(self.names, 10.0**points.T, strict=True))
+        trial = self._kind.model_construct(**self._fixed, **values)
+        model = make_model(self._estimator, self._calibration, self._with(trial))
+        with np.errstate(all="ignore"):
+            return estimate(model, self.recording, len(points))
+
+    def cost(self, points: Array, objective: Objective) -> Array:
+        """(B,), lower is better."""
+        with np.errstate(all="ignore"):
+            costs = _COSTS[objective](self.filtered(points), self._bias, self.recording)
+        return np.where(np.isfinite(costs), np.minimum(costs, _WORST), _WORST)
+
+    def scaled(self, point: Array) -> Noises:
+        """The noises of a point (n,), their common scale set towards a mean normalised squared error of 1."""
+        found = dict(zip(self.names, (10.0**point).tolist(), strict=True))
+        # Start and bounds do not scale along, so one step does not always do.
+        for _ in range(_SCALE_STEPS):
+            scale = _normalised_error(self.filtered(np.log10([list(found.values())])), self.recording)
+            found = {name: value * scale for name, value in found.items()}
+            if abs(scale - 1.0) < 0.05:
+                break
+        return self._with(self._kind.model_validate({**self._fixed, **found}))
+
+    def _with(self, tuned: BaseModel) -> Noises:
+        return self._noises.model_copy(update={self._estimator: tuned})
+
+
 def tune(
     estimator: str,
     calibration: Calibration,
     noises: Noises,
     recording: BenchRecording,
-    objective: Objective = "thesis",
-    particles: int = 24,
-    generations: int = 25,
-    seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
+    swarm: Swarm,
+    progress: Callable[[int, int], None],
 ) -> Tuning:
     """Searches the covariances of one estimator, starting from `noises`.
 
     Mostly the ratios of covariances move the estimate, and the thesis's objective does not look at the variance at all:
-    their common scale is set last, towards a mean normalised squared error of 1 on this recording. For the likelihood,
-    too, that is the best common scale.
+    their common scale is set last, on this recording. For the likelihood, too, that is the best common scale.
     """
     # pymoo takes a second to import, and only tuning needs it.
     from pymoo.algorithms.soo.nonconvex.pso import PSO
     from pymoo.core.problem import Problem
     from pymoo.optimize import minimize
 
-    present: BaseModel = getattr(noises, estimator)
-    # How long an error lasts stays as it is, and so does the size of a bias that lasts for a run: a run shows one draw
-    # of it, and a swarm free to call it small or short-lived finds a filter that follows no other run.
-    kept = {"bias"} if "bias_time" in type(present).model_fields else set()
-    names = [name for name in type(present).model_fields if not name.endswith("_time") and name not in kept]
-    fixed = {name: getattr(present, name) for name in type(present).model_fields if name not in names}
-    start = np.log10([getattr(present, name) for name in names])
-    bias = make_model(estimator, calibration, noises).states.index("bias")
-
-    def filtered(points: Array) -> Estimates:
-        trial = type(present).model_construct(**fixed, **dict(zip(names, 10.0**points.T, strict=True)))
-        model = make_model(estimator, calibration, noises.model_copy(update={estimator: trial}))
-        with np.errstate(all="ignore"):
-            return estimate(model, recording, len(points))
-
-    def cost(points: Array) -> Array:
-        with np.errstate(all="ignore"):
-            costs = _COSTS[objective](filtered(points), bias, recording)
-        return np.where(np.isfinite(costs), np.minimum(costs, _WORST), _WORST)
-
+    covariances = _Covariances(estimator, calibration, noises, recording)
+    start, count = covariances.start, len(covariances.names)
     history: list[float] = []
 
-    class Covariances(Problem):  # type: ignore[misc]
+    class Search(Problem):  # type: ignore[misc]
         def _evaluate(self, x: Array, out: dict[str, Any], *_: Any, **__: Any) -> None:
-            costs = cost(x)
+            out["F"] = costs = covariances.cost(x, swarm.objective)
             history.append(min([float(costs.min()), *history[-1:]]))
-            if progress is not None:
-                progress(len(history), generations)
-            out["F"] = costs
+            progress(len(history), swarm.generations)
 
-    random = np.random.default_rng(seed)
-    swarm = start + REACH * (2.0 * random.random((particles, len(names))) - 1.0)
-    swarm[0] = start
-    before = float(cost(start[None])[0])
+    random = np.random.default_rng(swarm.seed)
+    particles = start + REACH * (2.0 * random.random((swarm.particles, count)) - 1.0)
+    particles[0] = start
+    before = float(covariances.cost(start[None], swarm.objective)[0])
     result = minimize(
-        Covariances(n_var=len(names), xl=start - REACH, xu=start + REACH),
-        PSO(pop_size=particles, sampling=swarm),
-        ("n_gen", generations),
-        seed=seed,
+        Search(n_var=count, xl=start - REACH, xu=start + REACH),
+        PSO(pop_size=swarm.particles, sampling=particles),
+        ("n_gen", swarm.generations),
+        seed=swarm.seed,
     )
-    best = np.asarray(result.X, dtype=np.float64)
-    found = dict(zip(names, (10.0**best).tolist(), strict=True))
-    # Start and bounds do not scale along, so one step does not always do.
-    for _ in range(_SCALE_STEPS):
-        scale = _normalised_error(filtered(np.log10([list(found.values())])), recording)
-        found = {name: value * scale for name, value in found.items()}
-        if abs(scale - 1.0) < 0.05:
-            break
-    tuned = type(present).model_validate({**fixed, **found})
-    return Tuning(noises.model_copy(update={estimator: tuned}), float(result.F[0]), before, history)
+    found = covariances.scaled(np.asarray(result.X, dtype=np.float64))
+    return Tuning(found, float(result.F[0]), before, history)
 
 
 def _normalised_error(states: Estimates, recording: BenchRecording) -> float:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from nermo_description.results import CommandError
+from nermo_sim.batch import processors
 
 Robot = Annotated[str, typer.Option(help="Name of a robot, or path of its parameter file.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
@@ -18,7 +20,29 @@ Workers = Annotated[int | None, typer.Option(min=1, help="Processes; one a proce
 Out = Annotated[
     Path, typer.Option(help="Folder for finished runs, pictures and the report; each experiment has one in it.")
 ]
+Executor = Annotated[
+    str, typer.Option(help="processes, dask://local, or dask://HOST:PORT of a scheduler (pip install distributed).")
+]
 RESULTS = Path("results")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchRequest:
+    """What the user asks of any search with rollouts of a robot."""
+
+    robot: str
+    seed: int
+    quick: bool
+    generations: int | None
+    executor: str
+    workers: int | None
+    folder: Path
+    """Where rollouts and pictures are kept."""
+
+    @property
+    def processes(self) -> int:
+        """How many work at once."""
+        return self.workers or processors()
 
 
 def check_robot(robot: str, families: Sequence[str] = ("mouse",)) -> None:

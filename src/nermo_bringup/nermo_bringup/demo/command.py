@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import yaml
 from rich.console import Console
@@ -52,6 +53,22 @@ class Settings:
 
 
 @dataclass(frozen=True)
+class Show:
+    """What is shown by whom, and where it is kept."""
+
+    settings: Settings
+    robot: RobotParameters
+    plan: Plan
+    out: Path
+    """Folder for everything."""
+
+    @property
+    def bag(self) -> Path:
+        """The recording."""
+        return self.out / "recording"
+
+
+@dataclass(frozen=True)
 class Outcome:
     """What came of it."""
 
@@ -72,28 +89,28 @@ def run_demo(settings: Settings, json: Path | None, console: Console) -> bool:
         CommandError: the graph did not come up or broke down, or its recording cannot be judged.
     """
     started = time.monotonic()
-    robot = load_robot(settings.robot)
     gaits = GaitParameters()
-    quick = settings.quick
-    plan = make_plan(
-        list(gaits.gaits), GAIT_FREQUENCY_HZ, QUICK_WALK_S if quick else WALK_S, QUICK_TURN_S if quick else TURN_S
-    )
+    walk_s, turn_s = (QUICK_WALK_S, QUICK_TURN_S) if settings.quick else (WALK_S, TURN_S)
+    plan = make_plan(list(gaits.gaits), GAIT_FREQUENCY_HZ, walk_s, turn_s)
     out = (settings.out or dated_directory(Path("demo"))).absolute()
-    bag = out / "recording"
-    if bag.exists():
-        raise CommandError(f"{bag} exists already; a recording is never overwritten: name another --out.", status=2)
+    show = Show(settings, load_robot(settings.robot), plan, out)
+    if show.bag.exists():
+        raise CommandError(
+            f"{show.bag} exists already; a recording is never overwritten: name another --out.", status=2
+        )
     out.mkdir(parents=True, exist_ok=True)
-    nodes = _walk(settings, plan, out, bag, console)
+    nodes = _walk(show, console)
     try:
-        outcome, track, start = _judge(Recording(bag), plan, gaits)
+        outcome, track, start = _judge(Recording(show.bag), plan, gaits)
     except RecordingError as error:
         raise CommandError(f"the recording cannot be judged: {error}") from error
     _print(outcome, plan, console)
-    drawn = _draw(settings, robot, Recording(bag), plan, track, start, out, console)
+    drawn = _draw(show, track, start, console)
     wall = time.monotonic() - started
     if json is not None:
-        _write(json, settings, robot, outcome, plan, nodes, bag, drawn, wall)
-    console.print(f"recording {bag}\npictures  {', '.join(str(path) for path in drawn) or 'none'}", soft_wrap=True)
+        facts = {**_facts(show, outcome, nodes), "pictures": drawn, "wall_s": wall}
+        write_results(json, "demo", facts, robot=show.robot.name, seed=settings.seed)
+    console.print(f"recording {show.bag}\npictures  {', '.join(str(path) for path in drawn) or 'none'}", soft_wrap=True)
     verdict = "The mouse did it" if not outcome.complaints else "The mouse did not do it"
     console.print(f"{verdict}, in {wall:.0f} s.", style="bold green" if not outcome.complaints else "bold red")
     for complaint in outcome.complaints:
@@ -112,9 +129,10 @@ def _progress(console: Console, what: str) -> Iterator[Callable[[float, float], 
         yield lambda done, total: bar.update(task, completed=min(done, total), total=total)
 
 
-def _walk(settings: Settings, plan: Plan, out: Path, bag: Path, console: Console) -> list[str]:
+def _walk(show: Show, console: Console) -> list[str]:
     """Bring the graph up, play the plan, bring the graph down. The names of the graph's nodes."""
-    script = out / "commands.yaml"
+    settings, plan, bag = show.settings, show.plan, show.bag
+    script = show.out / "commands.yaml"
     script.write_text(yaml.safe_dump(plan.command_file, sort_keys=False), encoding="utf-8")
     arguments = {
         "robot": settings.robot,
@@ -130,7 +148,7 @@ def _walk(settings: Settings, plan: Plan, out: Path, bag: Path, console: Console
     domain = int(os.environ.get("ROS_DOMAIN_ID") or 1 + os.getpid() % 100)
     console.print(f"bringing up {len(nodes)} nodes on the twin of {settings.robot} (ROS_DOMAIN_ID={domain})")
     expected = plan.duration / settings.real_time_factor
-    with running_graph(arguments, out / "graph.log", domain) as graph:
+    with running_graph(arguments, show.out / "graph.log", domain) as graph:
         graph.wait_until_alive(bag, settings.stepped)
         console.print(f"walking for {plan.duration:.0f} s of simulated time")
         begin = time.monotonic()
@@ -166,27 +184,19 @@ def _judge(recording: Recording, plan: Plan, gaits: GaitParameters) -> tuple[Out
     return Outcome(walks, turns, spine_turn, balance, nose_lift, health, complaints), track, start
 
 
-def _draw(
-    settings: Settings,
-    robot: RobotParameters,
-    recording: Recording,
-    plan: Plan,
-    track: evaluation.Track,
-    start: int,
-    out: Path,
-    console: Console,
-) -> list[Path]:
+def _draw(show: Show, track: evaluation.Track, start: int, console: Console) -> list[Path]:
     from nermo_sim.render import RenderingUnavailableError
 
+    recording, plan, out = Recording(show.bag), show.plan, show.out
     drawn = [out / name for name in ("track.png", "gaits.png", "orientation.png", "balance.png")]
     pictures.draw_track(track, plan, drawn[0])
     pictures.draw_gaits(recording, start, plan, drawn[1])
     pictures.draw_orientation(track, plan, drawn[2])
     pictures.draw_balance(evaluation.read_foot_forces(recording, start), plan, drawn[3])
-    if settings.video:
+    if show.settings.video:
         try:
             with _progress(console, "drawing the video") as advance:
-                pictures.render_video(recording, robot, out / "demo.mp4", advance)
+                pictures.render_video(recording, show.robot, out / "demo.mp4", advance)
             drawn.append(out / "demo.mp4")
         except RenderingUnavailableError as error:
             console.print(f"no video: {error}")
@@ -240,18 +250,8 @@ def _print(outcome: Outcome, plan: Plan, console: Console) -> None:
     console.print(others)
 
 
-def _write(
-    path: Path,
-    settings: Settings,
-    robot: RobotParameters,
-    outcome: Outcome,
-    plan: Plan,
-    nodes: list[str],
-    bag: Path,
-    drawn: list[Path],
-    wall: float,
-) -> None:
-    facts = {
+def _facts(show: Show, outcome: Outcome, nodes: list[str]) -> dict[str, Any]:
+    return {
         "walks": [asdict(walk) for walk in outcome.walks],
         "turns": [asdict(turn) for turn in outcome.turns],
         "turn": asdict(outcome.spine_turn),
@@ -262,8 +262,8 @@ def _write(
             "command_age_ms": outcome.health.command_age_ms,
             "ticks_missed": outcome.health.ticks_missed,
             "real_time_factor": outcome.health.real_time_factor,
-            "real_time_factor_asked": settings.real_time_factor,
-            "stepped": settings.stepped,
+            "real_time_factor_asked": show.settings.real_time_factor,
+            "stepped": show.settings.stepped,
         },
         "thresholds": {
             "speed_over_no_slip": evaluation.LEAST_SPEED,
@@ -272,11 +272,8 @@ def _write(
             "turned_deg": evaluation.LEAST_TURN_DEG,
             "sitting_nose_lift_deg": evaluation.LEAST_SITTING_PITCH_DEG,
         },
-        "simulated_s": plan.duration,
-        "recording": bag,
-        "pictures": drawn,
-        "wall_s": wall,
+        "simulated_s": show.plan.duration,
+        "recording": show.bag,
         "complaints": outcome.complaints,
         "passed": not outcome.complaints,
     }
-    write_results(path, "demo", facts, robot=robot.name, seed=settings.seed)

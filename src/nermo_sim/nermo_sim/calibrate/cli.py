@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from nermo_sim.options import RESULTS, Json, Quick, Seed, check_robot
+from nermo_sim.options import RESULTS, Executor, Json, Quick, SearchRequest, Seed, Workers, check_robot
 
 calibrate_app = typer.Typer(
     rich_markup_mode=None, add_completion=False, help="Fit the physical numbers that the thesis does not print."
@@ -25,10 +25,8 @@ def calibrate(
     generations: Annotated[
         int | None, typer.Option(min=1, max=1000, help="Of the search from the best of them.")
     ] = None,
-    executor: Annotated[
-        str, typer.Option(help="processes, dask://local, or dask://HOST:PORT of a scheduler (pip install distributed).")
-    ] = "processes",
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a processor by default.")] = None,
+    executor: Executor = "processes",
+    workers: Workers = None,
     out: Annotated[Path, typer.Option(help="Folder for trials, robot file and report, in `calibrate/`.")] = RESULTS,
     json: Json = None,
 ) -> None:
@@ -44,4 +42,13 @@ def calibrate(
     from nermo_sim.calibrate.command import calibrate_robot
 
     check_robot(robot)
-    calibrate_robot(robot, seed, quick, design, generations, executor, workers, out / "calibrate", json)
+    wanted = SearchRequest(
+        robot=robot,
+        seed=seed,
+        quick=quick,
+        generations=generations,
+        executor=executor,
+        workers=workers,
+        folder=out / "calibrate",
+    )
+    calibrate_robot(wanted, design, json)

@@ -12,7 +12,6 @@ import yaml
 from nermo_description.parameters import RobotParameters
 from nermo_description.results import CommandError, write_results
 from nermo_description.robots import load_robot
-from nermo_sim.batch import processors
 from nermo_sim.calibrate import figures
 from nermo_sim.calibrate.determined import determined
 from nermo_sim.calibrate.numbers import differences, point_of
@@ -26,32 +25,24 @@ from nermo_sim.experiments.result_log import ResultLog
 from nermo_sim.experiments.runs import Settings
 from nermo_sim.optimize.evaluator import open_executor
 from nermo_sim.optimize.rollouts import Rollouts
+from nermo_sim.options import SearchRequest
 from nermo_sim.report.page import write_page
 
 
-def calibrate_robot(
-    robot: str,
-    seed: int,
-    quick: bool,
-    design: int | None,
-    generations: int | None,
-    executor: str,
-    workers: int | None,
-    folder: Path,
-    json: Path | None,
-) -> None:
+def calibrate_robot(wanted: SearchRequest, design: int | None, json: Path | None) -> None:
     """Searches, keeps every trial, writes the robot found, prints and draws it beside the first one.
 
-    Raises CommandError.
+    design: points spread over the bounds. Raises CommandError.
     """
-    budget = QUICK if quick else Budget()
-    budget = replace(budget, design=design or budget.design, generations=generations or budget.generations)
+    robot, folder, seed = wanted.robot, wanted.folder, wanted.seed
+    budget = QUICK if wanted.quick else Budget()
+    budget = replace(budget, design=design or budget.design, generations=wanted.generations or budget.generations)
     settings = Settings(robot, repeats=1, seed=seed, disturbance=NO_DISTURBANCE, tail="rigid")
-    count = workers or processors()
     console.print(
-        f"{budget.design} points and {budget.generations} generations, {count} workers, seed {seed}; in {folder}"
+        f"{budget.design} points and {budget.generations} generations, {wanted.processes} workers, seed {seed}; "
+        f"in {folder}"
     )
-    with counting("trials") as counter, open_executor(executor, count) as pool:
+    with counting("trials") as counter, open_executor(wanted.executor, wanted.processes) as pool:
         log = ResultLog(folder / "trials.jsonl", "trials")
         rollouts: Rollouts[Trial] = Rollouts(run, pool, log, counter.advance)
         try:
@@ -62,7 +53,7 @@ def calibrate_robot(
     own = load_robot(robot)
     file = _write_robot(folder / "calibrated.yaml", robot, found, own)
     facts = _facts(found)
-    about = f"Robot {robot}, seed {seed}{', quick: only the cheap cases were judged' if quick else ''}."
+    about = f"Robot {robot}, seed {seed}{', quick: only the cheap cases were judged' if wanted.quick else ''}."
     pages = _write_page(folder, about, found, own, facts)
     print_rows("numbers", facts["numbers"], ("name", "value", "unit", "ci90", "share_of_bounds", "confounded_with"))
     print_rows("claims within their bands", _counts(facts), ("claims", "before", "after", "of"))
@@ -71,8 +62,8 @@ def calibrate_robot(
         facts |= {
             "trials": rollouts.count,
             "trials_now": rollouts.run_now,
-            "executor": executor,
-            "workers": count,
+            "executor": wanted.executor,
+            "workers": wanted.processes,
             "judged": budget.judged,
             "robot_file": file,
             "pictures": pages,

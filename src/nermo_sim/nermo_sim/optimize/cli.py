@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from nermo_sim.optimize.limit_cycle_command import LIMIT_CYCLE, search_limit_cycle
-from nermo_sim.options import RESULTS, Json, Quick, Seed, check_robot
+from nermo_sim.options import RESULTS, Executor, Json, Quick, SearchRequest, Seed, Workers, check_robot
 
 optimize_app = typer.Typer(
     rich_markup_mode=None, add_completion=False, help="Search gait and leg parameters on the twin for a stated cost."
@@ -41,10 +40,8 @@ def optimize(
     generations: Annotated[int | None, typer.Option(min=1, max=1000, help="Of the search for the cost.")] = None,
     seed: Seed = 0,
     quick: Quick = False,
-    executor: Annotated[
-        str, typer.Option(help="processes, dask://local, or dask://HOST:PORT of a scheduler (pip install distributed).")
-    ] = "processes",
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a processor by default.")] = None,
+    executor: Executor = "processes",
+    workers: Workers = None,
     out: Annotated[Path, typer.Option(help="Folder for the rollouts and pictures, in `optimize/`.")] = RESULTS,
     json: Json = None,
     video: Annotated[bool, typer.Option(help="Of limit-cycle: also draw a video of the best gait.")] = True,
@@ -63,27 +60,30 @@ def optimize(
     nermo optimize --cost limit-cycle --generations 40      (C 3.2.4: staged fitness, particle swarm)
     """
     from nermo_sim.optimize.gait_command import GaitSearch, search_gait
+    from nermo_sim.optimize.limit_cycle_command import LIMIT_CYCLE, search_limit_cycle
 
+    request: dict[str, Any] = {
+        "robot": robot or ("cheetah_cub" if cost == LIMIT_CYCLE else "nermo_lite"),
+        "seed": seed,
+        "quick": quick,
+        "generations": generations,
+        "executor": executor,
+        "workers": workers,
+        "folder": out / "optimize",
+    }
     if cost == LIMIT_CYCLE:
-        search_limit_cycle(robot or "cheetah_cub", seed, quick, generations, executor, workers, out, json, video)
+        search_limit_cycle(SearchRequest(**request), json, video)
         return
-    robot = robot or "nermo_lite"
-    check_robot(robot)
+    check_robot(request["robot"])
     wanted = GaitSearch(
+        **request,
         cost=cost,
         weights=weights,
         least_speed=least_speed,
-        robot=robot,
         gait=gait,
         frequency=frequency,
         spine=spine,
         name=name,
         sets_folder=sets_folder,
-        generations=generations,
-        seed=seed,
-        quick=quick,
-        executor=executor,
-        workers=workers,
-        out=out,
     )
     search_gait(wanted, json)

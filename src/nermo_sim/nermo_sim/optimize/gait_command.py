@@ -9,7 +9,6 @@ from typing import Any
 from nermo_control.gait.knowledge_base import GaitKnowledgeBase, GaitParameters, default_sets_folder, frequency_error
 from nermo_description.parameter_files import ParameterError
 from nermo_description.results import CommandError, write_results
-from nermo_sim.batch import processors
 from nermo_sim.console import console, counting, print_facts, print_rows
 from nermo_sim.experiments.result_log import ResultLog
 from nermo_sim.optimize.costs import Objective, weights_of
@@ -18,30 +17,24 @@ from nermo_sim.optimize.figure import draw_front
 from nermo_sim.optimize.rollout import Walk
 from nermo_sim.optimize.search import QUICK, Budget, Candidate, Found, Search, gain, scaling
 from nermo_sim.optimize.space import Space
+from nermo_sim.options import SearchRequest
 
 COLUMNS = ("set", "speed_m_s", "roll_sd_deg", "pitch_sd_deg", "cost_of_transport", "fell")
 METRICS = COLUMNS[1:]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GaitSearch:
+class GaitSearch(SearchRequest):
     """What the user asks for. Raises CommandError (status 2) for what cannot be."""
 
     cost: str
     weights: str
     least_speed: float
-    robot: str
     gait: str
     frequency: float
     spine: bool
     name: str
     sets_folder: Path | None
-    generations: int | None
-    seed: int
-    quick: bool
-    executor: str
-    workers: int | None
-    out: Path
 
     def __post_init__(self) -> None:
         gaits = GaitParameters().gaits
@@ -60,16 +53,6 @@ class GaitSearch:
     def set_name(self) -> str:
         """Name under which the best is saved."""
         return self.name or f"optimized_{self.cost}"
-
-    @property
-    def folder(self) -> Path:
-        """Where rollouts and pictures are kept."""
-        return self.out / "optimize"
-
-    @property
-    def processes(self) -> int:
-        """How many work at once."""
-        return self.workers or processors()
 
     @property
     def walk(self) -> Walk:
