@@ -32,6 +32,7 @@ class Recording:
         auxiliary: further columns, in the unit of the map.
         enabled: (n,) 1 where the servos give torque and 0 where they do not, NaN where not sampled; None where the map
             names no such column.
+        source: the file or files that it was read from, for messages.
     """
 
     time: Array
@@ -42,6 +43,7 @@ class Recording:
     auxiliary: dict[str, Array] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     enabled: Array | None = None
+    source: str = "recording"
 
 
 def load_recording(path: str | Path, plant: Plant) -> Recording:
@@ -106,7 +108,9 @@ def recording_from_table(columns: dict[str, Array], plant: Plant, source: str = 
             raise GapInputError(
                 f"{source}: enabled: column {mapping.enabled.column!r} is never 1: the servos gave no torque all along"
             )
-    return Recording(time, np.stack(inputs, 1), np.stack(outputs, 1), segment, held_out, auxiliary, enabled=enabled)
+    return Recording(
+        time, np.stack(inputs, 1), np.stack(outputs, 1), segment, held_out, auxiliary, enabled=enabled, source=source
+    )
 
 
 def concatenate(recordings: list[Recording]) -> Recording:
@@ -130,4 +134,5 @@ def concatenate(recordings: list[Recording]) -> Recording:
         None
         if all(r.enabled is None for r in recordings)
         else np.concatenate([np.ones(len(r.time)) if r.enabled is None else r.enabled for r in recordings]),
+        ", ".join(r.source for r in recordings),
     )
