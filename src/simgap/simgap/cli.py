@@ -130,15 +130,19 @@ def apply_command(
 @app.command("effects")
 def effects_command(
     name: Annotated[str | None, typer.Argument(help="Only this effect.")] = None,
+    markdown: Annotated[bool, typer.Option("--markdown", help="All of them as a page of Markdown.")] = False,
 ) -> None:
     """List every effect that a diagnosis can name: what it is, where it acts, its parameters and their units."""
     with refusals():
-        from simgap.catalogue import catalogue
+        from simgap.catalogue import as_markdown, catalogue
         from simgap.data.errors import GapInputError, nearest
 
         rows = catalogue()
         if name is not None and name not in {row.name for row in rows}:
             raise GapInputError(f"no effect {name!r}; {nearest(name, [row.name for row in rows], 'effect')}")
+    if markdown:
+        typer.echo(as_markdown(), nl=False)
+        return
     for row in rows:
         if name in (None, row.name):
             typer.echo(f"{row.name} (at {row.site})\n    {row.sentence}\n    {row.parameters}")

@@ -44,6 +44,7 @@ _FEWEST, _MOST = 6, 18
 _BATCH = 24
 _ONSET = 0.5
 """Share of the strongest try from which on even the weakest lies where an effect needs that much to begin."""
+_NO_SIZE = 1e-9
 _BEYOND = 3.0
 """An effect that would have to be so many times its strongest start value does not show."""
 
@@ -164,8 +165,10 @@ def _told(
         begin = float(aligned.time[windows.start[window]])
         most = int(np.argmax(steps))
         parameter = effect.parameters[most]
-        value = float(parameter.at(min(share, 1e9) * parameter.away(start[most])))
+        value = float(parameter.at(min(share, _BEYOND / max(steps)) * parameter.away(start[most])))
         shows = share * max(steps) <= _BEYOND and parameter.low <= value <= parameter.high
+        # What is laid out for a command that never changes has no size.
+        shows &= parameter.strong > _NO_SIZE
         rows.append(
             Detectable(
                 effect.name,
