@@ -26,7 +26,7 @@ from nermo_node import qos
 from nermo_node.time import to_message
 from nermo_sim.twin import Twin
 
-PATIENCE = 60.0
+PATIENCE = 120.0
 
 
 class Robot:

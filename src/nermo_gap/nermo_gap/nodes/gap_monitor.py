@@ -16,7 +16,6 @@ from sensor_msgs.msg import Imu, JointState
 
 from nermo_description.parameters import LEGS
 from nermo_description.robots import load_robot
-from nermo_gap.nodes.any_robot import AnyRobot
 from nermo_gap.robots.channels import GYRO, encoder, position
 from nermo_gap.robots.live import FAR, LiveGap
 from nermo_interfaces.msg import ServoCommand, ServoStates
@@ -66,6 +65,9 @@ class GapMonitor(Node):
         refused = Complaints(self, "refused")
         watched: Watched
         if parameters.model:
+            # What other robots need takes seconds to import.
+            from nermo_gap.nodes.any_robot import AnyRobot
+
             with blame("model, map or reference"):
                 watched = AnyRobot(self, parameters.model, parameters.map, parameters.reference, refused.add_one)
         else:
