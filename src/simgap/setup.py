@@ -26,9 +26,9 @@ setup(
         "typer>=0.12",
     ],
     extras_require={
-        "bags": ["rosbags>=0.10"],
+        "bags": ["mcap>=1.1", "rosbags>=0.10"],
         "parquet": ["pyarrow>=16"],
-        "test": ["hypothesis", "pytest", "pytest-timeout", "pyarrow>=16", "rosbags>=0.10"],
+        "test": ["hypothesis", "pytest", "pytest-timeout", "mcap>=1.1", "pyarrow>=16", "rosbags>=0.10"],
     },
     zip_safe=False,
     maintainer="Nermo maintainers",

@@ -112,6 +112,7 @@ def diagnose_command(
 gap_app.command("effects")(simgap.cli.effects_command)
 gap_app.command("check")(simgap.cli.check_command)
 gap_app.command("map")(simgap.cli.map_command)
+gap_app.command("monitor")(simgap.cli.monitor_command)
 gap_app.command("example")(simgap.cli.example_command)
 
 

@@ -10,13 +10,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import mujoco
+import numpy as np
 import pytest
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from sensor_msgs.msg import Imu
+from sensor_msgs.msg import Imu, JointState
 
 from nermo_description.robots import load_robot
 from nermo_interfaces.msg import ServoCommand, ServoStates
@@ -24,7 +26,7 @@ from nermo_node import qos
 from nermo_node.time import to_message
 from nermo_sim.twin import Twin
 
-PATIENCE = 60.0
+PATIENCE = 120.0
 
 
 class Robot:
@@ -122,3 +124,81 @@ def test_the_monitor_names_the_leg_in_which_the_robot_differs(weak: Path) -> Non
         other.walk_until(lambda s: "rear_left leg" in s.get("message", ""))
     finally:
         other.close()
+
+
+ARM = """<mujoco model="arm"><option timestep="0.005" integrator="implicitfast"/><worldbody><body>
+<joint name="shoulder" axis="0 1 0" damping="0.05" armature="0.01" frictionloss="0.1"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".025" mass="1"/></body></worldbody>
+<actuator><position name="servo" joint="shoulder" kp="30" kv="1" forcerange="-15 15"/></actuator></mujoco>"""
+MAP = """
+inputs: [{topic: told, field: position, index: 0, actuator: servo, kind: position, unit: rad}]
+outputs: [{topic: measured, field: position, joint: shoulder, quantity: position, unit: rad}]
+"""
+
+
+class Arm:
+    """Another robot: it says on two topics what it is told and what it measures, faster than real time."""
+
+    def __init__(self) -> None:
+        self._context = Context()
+        rclpy.init(context=self._context)
+        self.node = Node("arm", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._told = self.node.create_publisher(JointState, "told", qos.SENSOR)
+        self._measured = self.node.create_publisher(JointState, "measured", qos.SENSOR)
+        self.diagnostics: list[DiagnosticArray] = []
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnostics.append, 100)
+        self.model = mujoco.MjModel.from_xml_string(ARM)
+        self._data, self._rng = mujoco.MjData(self.model), np.random.default_rng(0)
+
+    def step(self) -> None:
+        """One tick of 5 ms."""
+        t = self._data.time
+        command = 0.5 * math.sin(3.1 * t) + 0.3 * math.sin(7.3 * t + 1.0)
+        stamp = to_message(10**9 + round(t * 1e9))
+        told, measured = JointState(name=["shoulder"], position=[command]), JointState(name=["shoulder"])
+        measured.position = [float(self._data.qpos[0] + 3e-4 * self._rng.standard_normal())]
+        told.header.stamp = measured.header.stamp = stamp
+        self._told.publish(told)
+        self._measured.publish(measured)
+        self._data.ctrl[0] = command
+        mujoco.mj_step(self.model, self._data)
+        self._executor.spin_once(timeout_sec=0.001)
+
+    def move_until(self, condition: Callable[[str], bool]) -> DiagnosticStatus:
+        """Moves until the monitor says what is waited for."""
+        deadline = time.monotonic() + PATIENCE
+        while not any(condition(s.message) for s in self.said()[-1:]):
+            assert time.monotonic() < deadline, f"waited in vain; the last was {self.said()[-1:]}"
+            self.step()
+        return self.said()[-1]
+
+    def said(self) -> list[DiagnosticStatus]:
+        """What the monitor said of the gap."""
+        return [s for array in self.diagnostics for s in array.status if s.name == "gap_monitor: gap"]
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+
+def test_the_monitor_knows_any_robot_by_its_map(tmp_path: Path) -> None:
+    """Topics are found as they appear; what is usual is learned; friction that triples makes the model stale."""
+    (tmp_path / "arm.xml").write_text(ARM, encoding="utf-8")
+    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
+    words = ["-p", f"model:={tmp_path / 'arm.xml'}", "-p", f"map:={tmp_path / 'map.yaml'}"]
+    process = subprocess.Popen([sys.executable, "-m", "nermo_gap.nodes.gap_monitor", "--ros-args", *words], text=True)
+    arm = Arm()
+    try:
+        healthy = arm.move_until(lambda message: "agree" in message)
+        assert healthy.level == DiagnosticStatus.OK and healthy.hardware_id == "arm"
+        assert {"shoulder_gap", "shoulder_usual"} <= {pair.key for pair in healthy.values}
+        arm.model.dof_frictionloss[0] *= 3.0
+        stale = arm.move_until(lambda message: "stale" in message)
+        assert stale.level == DiagnosticStatus.WARN and "shoulder" in stale.message
+    finally:
+        arm.close()
+        process.terminate()
+        assert process.wait(timeout=PATIENCE) == 0

@@ -53,6 +53,21 @@ def catalogue() -> list[Entry]:
     return entries
 
 
+def as_markdown() -> str:
+    """All effects as a page of the documentation."""
+    rows = [f"| `{e.name}` | {e.site} | {e.sentence} | {e.parameters} |" for e in catalogue()]
+    head = [
+        "# All effects",
+        "",
+        "What a diagnosis can name, as `simgap effects` lists it. An effect of your own is a class in a Python file,",
+        "for `--effects` ([how](../gap.md)). This page is written by `simgap effects --markdown`.",
+        "",
+        "| effect | acts at | what it is | parameters and units |",
+        "|---|---|---|---|",
+    ]
+    return "\n".join([*head, *rows]) + "\n"
+
+
 def _parameters(effects: list[Effect]) -> str:
     """Names with all units that they have, by form where an effect has several."""
     units: dict[tuple[str, str], dict[str, None]] = {}

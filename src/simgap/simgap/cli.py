@@ -137,15 +137,19 @@ def apply_command(
 @app.command("effects")
 def effects_command(
     name: Annotated[str | None, typer.Argument(help="Only this effect.")] = None,
+    markdown: Annotated[bool, typer.Option("--markdown", help="All of them as a page of Markdown.")] = False,
 ) -> None:
     """List every effect that a diagnosis can name: what it is, where it acts, its parameters and their units."""
     with refusals():
-        from simgap.catalogue import catalogue
+        from simgap.catalogue import as_markdown, catalogue
         from simgap.data.errors import GapInputError, nearest
 
         rows = catalogue()
         if name is not None and name not in {row.name for row in rows}:
             raise GapInputError(f"no effect {name!r}; {nearest(name, [row.name for row in rows], 'effect')}")
+    if markdown:
+        typer.echo(as_markdown(), nl=False)
+        return
     for row in rows:
         if name in (None, row.name):
             typer.echo(f"{row.name} (at {row.site})\n    {row.sentence}\n    {row.parameters}")
@@ -158,7 +162,7 @@ def check_command(
     map_: MapFile,
     json_: Annotated[Path | None, typer.Option("--json", help="File for what was seen.")] = None,
 ) -> None:
-    """Look at a recording before it is diagnosed: clock, holes, units, signs, and what its motion can tell by joint.
+    """Look at a recording before it is diagnosed: clock, holes, units, signs, and how small a fault it could show.
 
     \b
     Example:
@@ -173,7 +177,7 @@ def check_command(
 
         plant = build_plant(load_spec(model), load_map(map_))
         with silence():
-            found = check([load_recording(r, plant) for r in recordings], plant)
+            found = check([load_recording(r, plant) for r in recordings], plant, detect=True)
         if json_ is not None:
             from simgap.analysis.diagnose import write_report
 
@@ -215,6 +219,59 @@ def map_command(
     for doubt in guess.open:
         typer.echo(f"look at: {doubt}")
     typer.echo(out)
+
+
+@app.command("monitor")
+def monitor_command(
+    recording: Annotated[Path, typer.Argument(help="A .csv or .mcap that another process is writing.")],
+    model: Model,
+    map_: MapFile,
+    reference: Annotated[
+        list[Path] | None, typer.Option(help="A recording of the robot when it was well (may be repeated).")
+    ] = None,
+    idle: Annotated[float, typer.Option(min=0.0, help="Ends when nothing was written for so long [s].")] = 10.0,
+    json_: Annotated[Path | None, typer.Option("--json", help="File for what was seen, written at the end.")] = None,
+) -> None:
+    """Watch a robot while it is recorded: the gap of the last seconds by part, and when the model goes stale.
+
+    Without a reference, ten seconds of motion teach what is usual. Ends with Ctrl-C, or when the file grows no more.
+
+    \b
+    Example:
+      simgap monitor log.csv --model robot.xml --map map.yaml --reference good.csv
+    """
+    import time
+
+    with refusals():
+        from simgap.analysis.diagnose import write_report
+        from simgap.data.growing import follow
+        from simgap.data.mapping import load_map
+        from simgap.data.plant import build_plant, load_spec
+        from simgap.data.recording import load_recording
+        from simgap.monitoring.monitor import SPAN, Monitor
+        from simgap.monitoring.watch import line, report, watch
+
+        plant = build_plant(load_spec(model), load_map(map_))
+        source = follow(recording, plant.map)
+        monitor = Monitor(plant, [load_recording(r, plant) for r in reference or ()])
+        typer.echo(f"gap of the last {SPAN:g} s by part, in noise floors; in brackets what is usual", err=True)
+        changes, told = [], 0.0
+        try:
+            for changed in watch(source, monitor, idle):
+                for change in changed:
+                    typer.echo(change.sentence)
+                changes += changed
+                if time.monotonic() - told >= 1.0:
+                    told = time.monotonic()
+                    typer.echo(line(monitor), err=True)
+        except KeyboardInterrupt:
+            pass
+        if json_ is not None:
+            write_report(report(monitor, changes), json_)
+    if monitor.learned < 1.0:
+        fail(f"{recording}: {monitor.waits or 'too little motion to learn what is usual'}; nothing can be said", 1)
+    stale = ", ".join(monitor.stale)
+    typer.echo(f"{monitor.time:.1f} s watched: " + (f"stale at the end: {stale}" if stale else "the model fits"))
 
 
 @app.command("example")

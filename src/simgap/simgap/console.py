@@ -20,8 +20,11 @@ import typer
 from simgap.data.errors import GapInputError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from simgap.analysis.diagnose import Diagnosis
     from simgap.preparation.check import Check
+    from simgap.preparation.detectability import Detectable
 
 HELP = {"help_option_names": ["-h", "--help"]}
 """Settings of every command."""
@@ -127,11 +130,33 @@ def print_check(found: Check) -> None:
         numbers = [f"{v:.3g}" for v in (joint.low, joint.high, joint.speed)]
         table.add_row(joint.name, *numbers, str(joint.reversals), f"{joint.noise:.2g}", told)
     console.print(table)
+    if found.detectability:
+        _print_detectable(found.detectability, console)
     for warning in found.warnings:
         console.print(f"[yellow]warning:[/yellow] {warning}", highlight=False)
     for line in found.advice:
         console.print(f"record: {line}", highlight=False)
     console.print(f"[bold]{found.verdict}[/bold]")
+
+
+def _print_detectable(rows: Sequence[Detectable], console: Console) -> None:
+    """By part: the smallest that would be found of each effect, and what does not show or looks like another."""
+    console.print("[bold]what this recording could show, part by part, from which size on[/bold]")
+    for site in dict.fromkeys(row.site for row in rows):
+        mine = [row for row in rows if row.site == site]
+        size = [f"{r.effect} {_size(r)}" for r in mine if r.smallest is not None and r.rival is None]
+        like = [f"{r.effect} {_size(r)} (like {r.rival})" for r in mine if r.rival is not None]
+        hidden = [r.effect for r in mine if r.smallest is None]
+        console.print(f"[bold]{site}[/bold]: {', '.join(size) or 'nothing'}", highlight=False)
+        for what, names in (("not told from another", like), ("does not show", hidden)):
+            if names:
+                console.print(f"  {what}: {', '.join(names)}", highlight=False)
+
+
+def _size(row: Detectable) -> str:
+    if row.unit == "1":
+        return f"x {row.smallest:.3g}" if row.parameter.startswith("factor") else f"{row.smallest:.2g}"
+    return f"{row.smallest:.2g} {row.unit}"
 
 
 def print_diagnosis(found: Diagnosis, report_file: Path | None = None) -> None:

@@ -16,6 +16,7 @@ LAYERS = (
     "analysis",
     "correction",
     "preparation",
+    "monitoring",
     "report",
     "blind",
     "examples",

@@ -1,10 +1,15 @@
-"""Node `gap_monitor`: a twin beside the robot on the same servo_command [c]; their gap by subsystem on /diagnostics."""
+"""Node `gap_monitor`: a model beside the robot, told the same [c]; their gap part by part on /diagnostics.
+
+Of the mouse a twin runs on its own servo_command; of any other robot, parameters `model` and `map` say which topics
+are compared.
+"""
 
 from __future__ import annotations
 
 import sys
+from typing import Protocol
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
@@ -27,31 +32,65 @@ class GapMonitorParameters(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    robot: str = Field("nermo_lite", description="Name of a robot, or path of its parameter file")
+    robot: str = Field("nermo_lite", description="Name of a mouse, or path of its parameter file")
     control_rate: int = Field(
         200, ge=10, le=1000, description="Ticks of the twin a second", json_schema_extra={"unit": "Hz"}
     )
+    model: str = Field("", description="Of another robot: path of its nominal model, an MJCF")
+    map: str = Field("", description="Of another robot: path of the map from topics to the model")
+    reference: str = Field("", description="Of another robot: a bag of it when it was well; else it learns for 10 s")
+
+    @model_validator(mode="after")
+    def _both(self) -> GapMonitorParameters:
+        if bool(self.model) != bool(self.map):
+            raise ValueError("model and map are of another robot than the mouse and go together; give both or none")
+        return self
+
+
+class Watched(Protocol):
+    """Who is compared with its model."""
+
+    name: str
+
+    def status(self) -> Status:
+        """The gap just now."""
 
 
 class GapMonitor(Node):
-    """Tells the twin what the robot is told, and compares what the two measure."""
+    """Tells on /diagnostics how far a robot and its model are apart."""
 
     def __init__(self) -> None:
         super().__init__("gap_monitor")
         parameters = declare(self, GapMonitorParameters)
+        refused = Complaints(self, "refused")
+        watched: Watched
+        if parameters.model:
+            # What other robots need takes seconds to import.
+            from nermo_gap.nodes.any_robot import AnyRobot
+
+            with blame("model, map or reference"):
+                watched = AnyRobot(self, parameters.model, parameters.map, parameters.reference, refused.add_one)
+        else:
+            watched = Mouse(self, parameters, refused)
+        Diagnostics(self, watched.name, {"gap": watched.status, "messages": refused.status})
+
+
+class Mouse:
+    """Tells the twin what the robot is told, and compares what the two measure."""
+
+    def __init__(self, node: Node, parameters: GapMonitorParameters, refused: Complaints) -> None:
         with blame("robot"):
             robot = load_robot(parameters.robot)
         with blame("control_rate"):
             self._gap = LiveGap(robot, round(1e9 / parameters.control_rate))
+        self.name = robot.name
         # A command that is missed would let the twin go another way.
         every = QoSProfile(depth=200, reliability=ReliabilityPolicy.RELIABLE)
-        refused = Complaints(self, "refused")
-        inputs = Inputs(self, refused.add_one)
+        inputs = Inputs(node, refused.add_one)
         inputs.subscribe(ServoCommand, "servo_command", self._on_command, every)
         inputs.subscribe(ServoStates, "servo_states", self._on_states, qos.BEST_EFFORT)
         inputs.subscribe(JointState, "joint_states", self._on_joints, qos.BEST_EFFORT)
         inputs.subscribe(Imu, "imu/data_raw", self._on_imu, qos.BEST_EFFORT)
-        Diagnostics(self, robot.name, {"gap": self._status, "messages": refused.status})
 
     def _on_command(self, message: ServoCommand) -> None:
         if len(message.name) == len(message.position):
@@ -71,7 +110,8 @@ class GapMonitor(Node):
         rate = message.angular_velocity
         self._gap.measured(to_nanoseconds(message.header.stamp), dict(zip(GYRO, (rate.x, rate.y, rate.z), strict=True)))
 
-    def _status(self) -> Status:
+    def status(self) -> Status:
+        """See Watched."""
         gap = self._gap.gap()
         values = {f"{name.replace(' ', '_')}_gap": round(value, 2) for name, value in gap.items()}
         values["restarts"] = self._gap.restarts

@@ -42,10 +42,13 @@ def check_map(plant: Plant, aligned: Aligned, state: MeasuredState) -> list[str]
         GapInputError: a unit, sign or column that is wrong beyond doubt.
     """
     warnings: list[str] = []
-    _check_ranges(plant, aligned)
-    _check_rates(plant, aligned)
-    _check_commands(plant, aligned, warnings)
-    _check_torques(plant, aligned, state, warnings)
+    try:
+        _check_ranges(plant, aligned)
+        _check_rates(plant, aligned)
+        _check_commands(plant, aligned, warnings)
+        _check_torques(plant, aligned, state, warnings)
+    except GapInputError as error:
+        raise GapInputError(f"{aligned.source}: {error}") from error
     return warnings
 
 
@@ -234,14 +237,15 @@ def _compare(
             if crossed > max(low, 0.7) and own < 0.6 * crossed:
                 raise GapInputError(
                     f"columns {value_names[i]!r} and {value_names[j]!r} look swapped: {value_names[j]!r} {verb} "
-                    f"{reference_names[i]!r} (correlation {match[i, j]:.2f}, as mapped {match[i, i]:.2f})"
+                    f"{reference_names[i]!r} (correlation {match[i, j]:.2f}, as mapped {match[i, i]:.2f}); exchange "
+                    "the two in the map"
                 )
     for i in range(n):
         slope = float(a[:, i] @ b[:, i] / norm_a[i] ** 2)
         if match[i, i] < -max(low, 0.8):
             raise GapInputError(
                 f"column {value_names[i]!r} {verb} {reference_names[i]!r} with the opposite sign "
-                f"(correlation {match[i, i]:.2f}); set sign: -1 or correct the column"
+                f"(correlation {match[i, i]:.2f}); set sign: -1 in the map or correct the column"
             )
         if match[i, i] < low or slope <= 0 or abs(np.log(slope)) < 1.2:
             continue

@@ -70,7 +70,7 @@ def read_diagnosis(path: Path, corrected: bool = True) -> dict[str, Any]:
     except OSError as error:
         raise GapInputError(f"{path}: cannot be read ({error.strerror})") from error
     except ValueError as error:
-        raise GapInputError(f"{path}: is not JSON ({error})") from error
+        raise GapInputError(f"{path}: is not JSON ({error}); give the diagnosis.json of `simgap diagnose`") from error
     if not isinstance(report, dict) or "diagnosis" not in str(report.get("schema", "")):
         raise GapInputError(f"{path}: schema: is no diagnosis.json of `simgap diagnose`")
     if corrected and "correction" not in report:

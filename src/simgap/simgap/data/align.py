@@ -50,6 +50,7 @@ class Aligned:
         lattice: (no,) step of the lattice on which an output's values were sampled, before they were put on the grid; 0
             where they lie on none.
         enabled: (n,) False where the servos gave no torque.
+        source: the file or files that it was read from, for messages.
     """
 
     period: float
@@ -64,6 +65,7 @@ class Aligned:
     warnings: list[str] = field(default_factory=list)
     lattice: Array = field(default_factory=lambda: np.zeros(0))
     enabled: NDArray[np.bool_] = field(default_factory=lambda: np.ones(0, bool))
+    source: str = "recording"
 
     def __post_init__(self) -> None:
         if not len(self.enabled):
@@ -75,14 +77,20 @@ class Aligned:
         return sum((r.stop - r.start - 1) * self.period for r in self.runs)
 
 
-def align(recording: Recording, plant: Plant) -> Aligned:
+def align(recording: Recording, plant: Plant, shortest: float = MIN_DURATION, moving: bool = True) -> Aligned:
     """Split a recording into runs and put each on a uniform grid.
 
+    Args:
+        recording: what was sampled.
+        plant: whose map named it.
+        shortest: [s] of usable data that are needed.
+        moving: whether an output that never changes is dead; otherwise it may be that the robot rests.
+
     Raises:
-        GapInputError: time that is not finite or does not advance, less than MIN_DURATION of usable data, or no output
+        GapInputError: time that is not finite or does not advance, less than ``shortest`` of usable data, or no output
             that changes.
     """
-    warnings = list(recording.warnings)
+    warnings, source = list(recording.warnings), recording.source
     time, keep = recording.time, np.isfinite(recording.time) & np.isfinite(recording.segment)
     if not keep.all():
         warnings.append(f"{int((~keep).sum())} rows without a time or run number are left out")
@@ -92,16 +100,20 @@ def align(recording: Recording, plant: Plant) -> Aligned:
     if recording.enabled is not None:
         auxiliary[_ENABLED] = recording.enabled[keep]
     if len(time) < 10:
-        raise GapInputError(f"the recording has {len(time)} usable rows; at least {MIN_DURATION:g} s are needed")
+        raise GapInputError(f"{source}: time: {len(time)} rows have a time and a run; record at least {shortest:g} s")
     steps = np.diff(time)
     same_run = segment[1:] == segment[:-1]
     forward = steps[(steps > 0) & same_run]
     if len(forward) < 0.5 * len(steps):
-        raise GapInputError("time does not advance in most rows of the recording")
+        raise GapInputError(
+            f"{source}: time ({plant.map.time.column}): does not advance in most rows; the map must name the column "
+            "that counts up"
+        )
     period = _period(time, same_run, np.concatenate([inputs, outputs], axis=1))
     if period > MAX_PERIOD:
         raise GapInputError(
-            f"the recording is sampled every {period:.3g} s, slower than {MAX_PERIOD:g} s; is the unit of time right?"
+            f"{source}: time ({plant.map.time.column}): sampled every {period:.3g} s, slower than {MAX_PERIOD:g} s; is "
+            "the unit of time right in the map?"
         )
     breaks = _breaks(time, segment, period, warnings)
     pieces, runs, position = [], [], 0
@@ -114,10 +126,10 @@ def align(recording: Recording, plant: Plant) -> Aligned:
         runs.append(Run(position, position + len(piece[0]), float(segment[start]), setup))
         position += len(piece[0])
     usable = sum((r.stop - r.start) * period for r in runs)
-    if usable < MIN_DURATION:
+    if usable < shortest:
         raise GapInputError(
-            f"the recording holds {usable:.2f} s of usable data; at least {MIN_DURATION:g} s are needed "
-            "to fit on one part and score on another"
+            f"{source}: holds {usable:.2f} s of usable data; at least {shortest:g} s are needed to fit on one part and "
+            "score on another: record longer"
         )
     grid_time, grid_inputs, grid_outputs, valid = (np.concatenate([p[i] for p in pieces]) for i in range(4))
     grid_aux = {k: np.concatenate([p[4][k] for p in pieces]) for k in auxiliary}
@@ -125,7 +137,12 @@ def align(recording: Recording, plant: Plant) -> Aligned:
         if (share := _missing(taken)) > 0.01:
             warnings.append(f"output {channel.name}: {100 * share:.1f} % of the samples are missing")
     enabled = grid_aux.pop(_ENABLED, np.ones(len(grid_time))) > 0.5
-    live = _live(grid_outputs, valid, plant, warnings)
+    live = _live(grid_outputs, valid, plant, warnings) if moving else np.asarray((valid > 0).any(axis=0))
+    if not live.any():
+        raise GapInputError(
+            f"{source}: outputs: no output ever changes; there is nothing to compare: move each joint, and see that it "
+            "is measured"
+        )
     return Aligned(
         period,
         grid_time,
@@ -141,6 +158,7 @@ def align(recording: Recording, plant: Plant) -> Aligned:
             [o.resolution or lattice_step(y[np.isfinite(y)]) for o, y in zip(plant.outputs, outputs.T, strict=True)]
         ),
         enabled,
+        source,
     )
 
 
@@ -271,11 +289,6 @@ def _live(outputs: Array, valid: Array, plant: Plant, warnings: list[str]) -> ND
                 )
         else:
             warnings.append(f"output {channel.name}: never changes; taken for a dead channel and not scored")
-    if not live.any():
-        raise GapInputError(
-            "no output of the recording ever changes; there is nothing to compare: move each joint, and see that it is "
-            "measured"
-        )
     return live
 
 

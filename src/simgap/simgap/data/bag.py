@@ -5,10 +5,11 @@ A message is read by the definition that the bag holds of it, so that a message 
 
 from __future__ import annotations
 
+import bisect
 import contextlib
 import dataclasses
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -56,10 +57,7 @@ def is_bag(path: Path) -> bool:
 
 
 def read_bag(path: Path, mapping: Map) -> tuple[dict[str, Array], list[str]]:
-    """The channels that a map names, on the stamps of all of them together; NaN where a channel has no sample.
-
-    Time is the messages' own stamps where all have one, else when they were received (see `TimeRow.clock`). The points
-    of a trajectory are samples at the times that they are for; a newer trajectory replaces what lies ahead of an older.
+    """The channels that a map names, as `MessageColumns` gives them.
 
     Returns:
         (columns, among them BAG_TIME [s] from the first stamp on; warnings)
@@ -67,39 +65,103 @@ def read_bag(path: Path, mapping: Map) -> tuple[dict[str, Array], list[str]]:
     Raises:
         GapInputError: the bag cannot be read, or lacks a topic, a field, an element or a stamp that the map names.
     """
-    rows = mapping.channels
-    if not mapping.of_bag:
-        raise GapInputError(f"{mapping.source}: {path} is a bag, whose rows name topic and field instead of column")
-    warnings: list[str] = []
+    gathered = MessageColumns(mapping, str(path))
     with _open(path) as reader:
         found = {c.topic: c for c in reader.connections}
-        for place, row in rows.items():
-            if row.topic not in found:
+        gathered.check_topics(found)
+        wanted = [c for c in reader.connections if c.topic in gathered.topics]
+        for connection, log_time, raw in reader.messages(wanted):
+            gathered.take(connection.topic, log_time, _decode(reader, raw, connection.msgtype, path))
+    for topic in gathered.silent:
+        raise GapInputError(f"{path}: topic {topic!r} holds no messages")
+    return gathered.columns()
+
+
+class MessageColumns:
+    """The channels that a map names, gathered message by message, from a bag or as they come.
+
+    Messages are those of rosbags or of ROS itself. Time is their own stamps where all have one, else when they were
+    received (see `TimeRow.clock`). The points of a trajectory are samples at the times that they are for; a newer
+    trajectory replaces what lies ahead of an older.
+
+    Raises:
+        GapInputError: the map's rows name columns of a table.
+    """
+
+    def __init__(self, mapping: Map, source: str) -> None:
+        if not mapping.of_bag:
+            raise GapInputError(
+                f"{mapping.source}: {source} is a bag, whose rows name topic and field instead of column"
+            )
+        self._mapping, self._source, self._rows = mapping, source, mapping.channels
+        self._series = {place: _Series(row, f"{source}: {place} ({row.column})") for place, row in self._rows.items()}
+        self._received: dict[str, list[int]] = {str(row.topic): [] for row in self._rows.values()}
+        self._stamped: dict[str, list[int]] = {topic: [] for topic in self._received}
+        self._origin: int | None = None
+
+    @property
+    def topics(self) -> list[str]:
+        """Topics that the map names."""
+        return list(self._received)
+
+    @property
+    def silent(self) -> list[str]:
+        """Topics of which no message has come."""
+        return [topic for topic, times in self._received.items() if not times]
+
+    def check_topics(self, known: Iterable[str]) -> None:
+        """Raises GapInputError where a topic of the map is not among the known ones."""
+        known = list(known)
+        for place, row in self._rows.items():
+            if row.topic not in known:
                 raise GapInputError(
-                    f"{path}: {place}: no topic {row.topic!r}; {nearest(str(row.topic), found, 'topic')}"
+                    f"{self._source}: {place}: no topic {row.topic!r}; {nearest(str(row.topic), known, 'topic')}"
                 )
-        series = {place: _Series(row, f"{path}: {place} ({row.column})") for place, row in rows.items()}
-        received: dict[str, list[int]] = {str(row.topic): [] for row in rows.values()}
-        stamped: dict[str, list[int]] = {topic: [] for topic in received}
-        for connection, log_time, raw in reader.messages([c for c in reader.connections if c.topic in received]):
-            message = _decode(reader, raw, connection.msgtype, path)
-            received[connection.topic].append(log_time)
-            stamped[connection.topic].append(_stamp(message))
-            for one in series.values():
-                if one.row.topic == connection.topic:
-                    one.take(message)
-    for topic, times in received.items():
-        if not times:
-            raise GapInputError(f"{path}: topic {topic!r} holds no messages")
-    clocks = _clock(mapping, received, stamped, path, warnings)
-    samples = {place: one.samples(np.array(clocks[str(one.row.topic)])) for place, one in series.items()}
-    grid: Ints = np.unique(np.concatenate([stamps for stamps, _ in samples.values()]))
-    columns = {BAG_TIME: (grid - grid[0]) / 1e9}
-    for place, (stamps, values) in samples.items():
-        column = np.full(len(grid), np.nan)
-        column[np.searchsorted(grid, stamps)] = values
-        columns[rows[place].column] = column
-    return columns, warnings
+
+    def take(self, topic: str, received: int, message: Any) -> None:
+        """The next message of a topic, and when it was received [ns].
+
+        Raises:
+            GapInputError: it lacks a field or an element that the map names.
+        """
+        mine = [one for one in self._series.values() if one.row.topic == topic]
+        # All are read before any is kept, so that what is refused leaves no trace.
+        for one, values in [(one, one.read(message)) for one in mine]:
+            one.keep(values)
+        self._received[topic].append(received)
+        self._stamped[topic].append(_stamp(message))
+
+    def forget(self, seconds: float) -> None:
+        """Forget all but the messages that were received in the last ``seconds``."""
+        newest = max((times[-1] for times in self._received.values() if times), default=0)
+        for topic, times in self._received.items():
+            old = bisect.bisect_left(times, newest - round(1e9 * seconds))
+            del times[:old], self._stamped[topic][:old]
+            for one in self._series.values():
+                if one.row.topic == topic:
+                    one.forget(old)
+
+    def columns(self) -> tuple[dict[str, Array], list[str]]:
+        """Columns on the stamps of all channels together, NaN where a channel has no sample; and warnings.
+
+        BAG_TIME [s] is among them, counted from the first stamp that this was called with.
+
+        Raises:
+            GapInputError: a channel holds no finite number, or the messages lack the stamps that the map asks for.
+        """
+        warnings: list[str] = []
+        clocks = _clock(self._mapping, self._received, self._stamped, self._source, warnings)
+        samples = {
+            place: one.samples(np.array(clocks[str(one.row.topic)], np.int64)) for place, one in self._series.items()
+        }
+        grid: Ints = np.unique(np.concatenate([stamps for stamps, _ in samples.values()]))
+        self._origin = int(grid[0]) if self._origin is None else self._origin
+        columns = {BAG_TIME: (grid - self._origin) / 1e9}
+        for place, (stamps, values) in samples.items():
+            column = np.full(len(grid), np.nan)
+            column[np.searchsorted(grid, stamps)] = values
+            columns[self._rows[place].column] = column
+        return columns, warnings
 
 
 def topics(path: Path) -> list[Topic]:
@@ -181,13 +243,15 @@ def _clock(
     mapping: Map,
     received: dict[str, list[int]],
     stamped: dict[str, list[int]],
-    path: Path,
+    source: str,
     warnings: list[str],
 ) -> dict[str, list[int]]:
     """Times [ns] of each topic's messages by the clock that the map asks for, or the best that all topics have."""
     bare = sorted(topic for topic, times in stamped.items() if not all(times))
     if mapping.time.clock == "header" and bare:
-        raise GapInputError(f"{path}: time.clock: messages of {bare[0]} have no stamp; the clock can only be received")
+        raise GapInputError(
+            f"{source}: time.clock: messages of {bare[0]} have no stamp; the clock can only be received"
+        )
     if mapping.time.clock == "received" or bare:
         if bare and len(bare) < len(stamped) and mapping.time.clock is None:
             warnings.append(
@@ -212,11 +276,21 @@ class _Series:
         self._component = getattr(row, "component", None)
         self._values: list[list[tuple[int, float]]] = []
         """For each message, (ns after its stamp, value)."""
+        self._any = False
         self._parts = [self._part(text) for text in str(row.field).split(".")]
 
-    def take(self, message: Any) -> None:
-        """Read the channel from its next message."""
-        self._values.append(self._walk(message, 0, message, 0))
+    def read(self, message: Any) -> list[tuple[int, float]]:
+        """(ns after its stamp, value) of the channel in a message."""
+        return self._walk(message, 0, message, 0)
+
+    def keep(self, values: list[tuple[int, float]]) -> None:
+        """What `read` found in the next message."""
+        self._values.append(values)
+        self._any = True
+
+    def forget(self, count: int) -> None:
+        """Forget the first messages."""
+        del self._values[:count]
 
     def samples(self, times: Ints) -> tuple[Ints, Array]:
         """(stamps [ns], ascending and each once; values) where the messages' own times are ``times``."""
@@ -281,7 +355,7 @@ class _Series:
         names = _names_of(holder)
         if isinstance(element, str) and names is not None:
             if element not in names:
-                if not self._values and len(names) == len(value):
+                if not self._any and len(names) == len(value):
                     raise GapInputError(
                         f"{self._where}: the first message has no {element!r}; {nearest(element, names, 'name')} "
                         "(`named` says what the message calls it)"
@@ -313,6 +387,8 @@ class _Series:
 
 def _message_fields(value: Any) -> list[str]:
     """Names of a message's fields, none of what is no message."""
+    if hasattr(value, "get_fields_and_field_types"):  # a message of ROS itself
+        return list(value.get_fields_and_field_types())
     if not dataclasses.is_dataclass(value):
         return []
     return [f.name for f in dataclasses.fields(value) if not f.name.startswith("__")]

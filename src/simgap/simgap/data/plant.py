@@ -73,31 +73,29 @@ def load_spec(path: str | Path) -> mujoco.MjSpec:
     """Read an MJCF (or URDF).
 
     Raises:
-        GapInputError: the file is missing or MuJoCo rejects it.
+        GapInputError: the file is missing, or MuJoCo rejects it or a file that it names.
     """
     if not Path(path).is_file():
         raise GapInputError(f"{path}: no such model file")
     try:
-        return mujoco.MjSpec.from_file(str(path))
+        spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise GapInputError(f"{path}: MuJoCo cannot read the model ({' '.join(str(error).split())})") from error
-
-
-def load_model(path: str | Path) -> mujoco.MjModel:
-    """Read and compile an MJCF (or URDF).
-
-    Raises:
-        GapInputError: the file is missing, or MuJoCo rejects it or a file that it names.
-    """
+        raise GapInputError(
+            f"{path}: MuJoCo cannot read the model ({' '.join(str(error).split())}); it must be an MJCF or URDF"
+        ) from error
     try:
-        return load_spec(path).compile()
+        spec.compile()
     except ValueError as error:
-        if isinstance(error, GapInputError):
-            raise
         raise GapInputError(
             f"{path}: MuJoCo cannot compile the model ({' '.join(str(error).split())}); meshes and included files are "
             "looked for from the folder of the model"
         ) from error
+    return spec
+
+
+def load_model(path: str | Path) -> mujoco.MjModel:
+    """Read and compile an MJCF (or URDF); raises as `load_spec`."""
+    return load_spec(path).compile()
 
 
 def build_plant(spec: mujoco.MjSpec, mapping: Map) -> Plant:

@@ -33,6 +33,7 @@ class Recording:
         enabled: (n,) 1 where the servos give torque and 0 where they do not, NaN where not sampled; None where the map
             names no such column.
         setup: (n,) number of the setup (`Plant.setups`) of a row's run; None where all are as modelled.
+        source: the file or files that it was read from, for messages.
     """
 
     time: Array
@@ -44,6 +45,7 @@ class Recording:
     warnings: list[str] = field(default_factory=list)
     enabled: Array | None = None
     setup: Array | None = None
+    source: str = "recording"
 
 
 def load_recording(path: str | Path, plant: Plant) -> Recording:
@@ -112,7 +114,7 @@ def recording_from_table(columns: dict[str, Array], plant: Plant, source: str = 
                 f"{source}: enabled: column {mapping.enabled.column!r} is never 1: the servos gave no torque all along"
             )
     told, seen = np.stack(inputs, 1), np.stack(outputs, 1)
-    return Recording(time, told, seen, segment, held_out, auxiliary, warned, enabled, setup)
+    return Recording(time, told, seen, segment, held_out, auxiliary, warned, enabled, setup, source)
 
 
 def concatenate(recordings: list[Recording]) -> Recording:
@@ -139,4 +141,5 @@ def concatenate(recordings: list[Recording]) -> Recording:
         None
         if all(r.setup is None for r in recordings)
         else np.concatenate([np.zeros(len(r.time)) if r.setup is None else r.setup for r in recordings]),
+        ", ".join(r.source for r in recordings),
     )

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 TABLES = (".csv", ".npz", ".parquet")
 _WORDS = {"": np.nan, "nan": np.nan, "true": 1.0, "false": 0.0}
 """Cells of a CSV that are numbers too."""
+_WHOLE = "is the file whole, and of the kind that its name says?"
 
 
 def load_table(path: str | Path) -> dict[str, Array]:
@@ -57,10 +58,10 @@ def load_table(path: str | Path) -> dict[str, Array]:
                 f"{path}: holds Python objects (a pickle), which are not read because they can run code; "
                 "save plain arrays of numbers with numpy.savez"
             ) from error
-        raise GapInputError(f"{path}: cannot read the table ({reason})") from error
+        raise GapInputError(f"{path}: cannot read the table ({reason}); {_WHOLE}") from error
     except Exception as error:
         # What Python's zip reader raises on a damaged archive has no common base.
-        raise GapInputError(f"{path}: cannot read the table ({type(error).__name__}: {error})") from error
+        raise GapInputError(f"{path}: cannot read the table ({type(error).__name__}: {error}); {_WHOLE}") from error
 
 
 def _load_folder(path: Path) -> dict[str, Array]:
@@ -97,8 +98,7 @@ def _read_csv(path: Path) -> dict[str, NDArray[Any]]:
     with path.open(newline="", encoding="utf-8-sig") as file:
         sample = file.read(4096)
         file.seek(0)
-        first = sample.split("\n", 1)[0]
-        rows = csv.reader(file, delimiter=next((d for d in ",;\t" if d in first), ","))
+        rows = csv.reader(file, delimiter=delimiter(sample.split("\n", 1)[0]))
         header = [name.strip() for name in next(rows, [])]
         cells = [row for row in rows if row]
     if len(set(header)) < len(header):
@@ -110,11 +110,20 @@ def _read_csv(path: Path) -> dict[str, NDArray[Any]]:
             f"{path}: row {wrong + 2} has {len(cells[wrong])} cells where the header has {len(header)}; "
             "was the file cut off while it was written?"
         )
-    return {name: _numbers([row[i] for row in cells], f"{path}: column {name!r}") for i, name in enumerate(header)}
+    return {name: numbers([row[i] for row in cells], f"{path}: column {name!r}") for i, name in enumerate(header)}
 
 
-def _numbers(cells: list[str], where: str) -> NDArray[Any]:
-    """Cells as float64, or as they are where most are words."""
+def delimiter(header: str) -> str:
+    """What stands between the cells of a CSV, from its first line."""
+    return next((d for d in ",;\t" if d in header), ",")
+
+
+def numbers(cells: list[str], where: str, first_row: int = 2) -> NDArray[Any]:
+    """Cells as float64, or as they are where most are words.
+
+    Raises:
+        GapInputError: a cell is no number; ``first_row`` is the row of the file that the first one is in.
+    """
     try:
         return np.array(cells, dtype=np.float64)
     except ValueError:
@@ -124,8 +133,8 @@ def _numbers(cells: list[str], where: str) -> NDArray[Any]:
         return np.array(cells)
     if wrong:
         raise GapInputError(
-            f"{where}: row {wrong[0] + 2} holds {cells[wrong[0]]!r}, which is no number; leave the cell empty where "
-            "nothing was measured"
+            f"{where}: row {wrong[0] + first_row} holds {cells[wrong[0]]!r}, which is no number; "
+            "leave the cell empty where nothing was measured"
         )
     return np.array(values, dtype=np.float64)
 

@@ -14,9 +14,11 @@ from simgap.analysis.input_checks import check_map
 from simgap.data.align import Aligned, align
 from simgap.data.channels import model_names
 from simgap.data.errors import GapInputError
+from simgap.data.excitation import NOTHING_MOVED, excited
 from simgap.data.noise_floor import noise_floor
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording, concatenate
+from simgap.preparation.detectability import Detectable, advice, detectability
 from simgap.simulation.state import MeasuredState, measured_state
 
 Array = NDArray[np.float64]
@@ -73,6 +75,8 @@ class Check:
     errors: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     advice: list[str] = field(default_factory=list)
+    detectability: list[Detectable] | None = None
+    """Of every effect at every part; None where nobody asked, or where the map is wrong."""
 
     @property
     def verdict(self) -> str:
@@ -93,11 +97,14 @@ class Check:
             "errors": self.errors,
             "warnings": self.warnings,
             "advice": self.advice,
+            "detectability": None if self.detectability is None else [row.report() for row in self.detectability],
         }
 
 
-def check(recordings: Sequence[Recording], plant: Plant) -> Check:
+def check(recordings: Sequence[Recording], plant: Plant, detect: bool = False) -> Check:
     """Look at recordings as a diagnosis would, without fitting anything.
+
+    ``detect``: also say how small an effect could be found, which takes some seconds.
 
     Raises:
         GapInputError: they cannot even be put on a common grid.
@@ -115,6 +122,12 @@ def check(recordings: Sequence[Recording], plant: Plant) -> Check:
     if (off := 1.0 - float(aligned.enabled.mean())) > 0.0:
         found.warnings.append(f"the servos give no torque in {100 * off:.0f} % of the recording")
     found.advice = _advice(plant, aligned, found)
+    if detect and not found.errors:
+        moves = excited(plant, aligned, floor)
+        found.detectability = detectability(plant, aligned, floor) if moves else []
+        found.advice += advice(found.detectability)
+        if not moves:
+            found.warnings.append(f"{NOTHING_MOVED}: no effect could be found in it")
     return found
 
 
