@@ -13,8 +13,10 @@ from simgap.analysis.diagnose import timing_at_its_limit
 from simgap.analysis.self_contact import without_needless_contacts
 from simgap.data.mapping import parse_map
 from simgap.data.plant import build_plant, load_spec
+from simgap.inference.decision import Class
 from simgap.inference.model_selection import EVIDENCE_MORE, FURTHER, earns
 from simgap.inference.nuisance import BOX, enumerate_nuisances
+from simgap.inference.verdict import shared
 from simgap.simulation.contacts import colliding
 from simgap.simulation.state import measured_state
 
@@ -83,3 +85,15 @@ def test_a_leg_in_the_air_is_replayed_without_contacts_and_one_that_lands_with(
     quiet = without_needless_contacts(plant, state)
     assert bool(colliding(quiet.model)[0]) is touches
     assert colliding(plant.model)[0], "the plant itself is left as it is"
+
+
+def test_what_all_likely_rivals_share_is_what_can_be_named() -> None:
+    def named(probability: float, *effects: str) -> Class:
+        fit = SimpleNamespace(hypothesis=SimpleNamespace(effects=[SimpleNamespace(key=key) for key in effects]))
+        return Class((cast(Any, fit),), probability)
+
+    rivals = [named(0.5, "gain", "friction"), named(0.3, "gain", "mass"), named(0.15, "gain", "offset")]
+    assert shared([*rivals, named(0.05, "slack")]) == (frozenset({"gain"}), pytest.approx(0.95))
+    assert shared([*rivals[:2], named(0.2, "slack")])[0] == frozenset()
+    assert shared([named(0.95, "gain", "friction"), named(0.05, "slack")])[0] == frozenset({"gain", "friction"})
+    assert shared([])[0] == frozenset()

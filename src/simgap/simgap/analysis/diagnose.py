@@ -85,8 +85,8 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
         found.selection,
     )
     floor, residuals, warnings = found.floor, fitter.residuals, found.warnings
-    structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
     verdict = judge(selector, selection)
+    structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
     if verdict.kind in ("no_gap", "calibration") and not excited(plant, aligned, floor):
         verdict.kind, verdict.reasons = "unknown", [NOTHING_MOVED]
         verdict.open = [*(s.fit for s in selection.singles[:2]), selection.reference.fit]

@@ -50,6 +50,8 @@ _UNTOUCHED = 3
 MAX_EFFECTS = 3
 MANY_PARAMETERS = 6
 """Hypotheses with more are fitted in some windows first, and in all only where that promises something."""
+ITERATIONS = 15
+"""Of a fit of what single parts speak for together, which has many parameters; most take no new sensitivities."""
 TOGETHER = 4
 """Kinds of effects, at most, that single parts speak for and that are tried together."""
 
@@ -127,8 +129,8 @@ class Candidates:
             square = self.fitter.mean_square(self.fitter.replay(hypothesis, [(x, base.fit.z)], select)[0], select)
             tried.append((float(self.fitter.data_cost(square, select)), hypothesis, x))
         _, hypothesis, x = min(tried, key=lambda t: t[0])
-        fit = self.fitter.fit(hypothesis, x, base.fit.z, select=select)
-        return self.scores.scored(self.fitter.polish(fit))
+        fit = self.fitter.fit(hypothesis, x, base.fit.z, ITERATIONS, select=select)
+        return self.scores.scored(self.fitter.polish(fit, rounds=2))
 
     def screened_about_nominal(self) -> list[Screened]:
         """Screen about the untouched nominal model: the nuisances' best fit may have swallowed half of an effect."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import mujoco
@@ -99,6 +100,8 @@ def judge(selector: Selector, selection: Selection) -> Verdict:
         _without_effect(verdict, selector, selection)
     else:
         _with_effects(verdict, selector, selection)
+        if verdict.kind == "unknown" and verdict.equivalent and not _doubts(selector, selection):
+            _name_what_rivals_share(verdict, selector, selection)
     return verdict
 
 
@@ -185,9 +188,51 @@ def _with_effects(verdict: Verdict, selector: Selector, selection: Selection) ->
     if verdict.kind != "effect" and not verdict.open:
         verdict.open = [best.fit, *(r.fit for r in selection.rivals[1:3])]
     # What is the same change under another name is always listed.
-    for effect in best.fit.hypothesis.effects:
-        if effect.aliases:
-            verdict.equivalent.append([effect.key, *effect.aliases])
+    verdict.equivalent += _aliases(best)
+
+
+def _aliases(scored: Scored) -> list[list[str]]:
+    """Names for the same change as effects that were found."""
+    return [[effect.key, *effect.aliases] for effect in scored.fit.hypothesis.effects if effect.aliases]
+
+
+def shared(found: Sequence[Class]) -> tuple[frozenset[str], float]:
+    """Effects that all of the likeliest classes name which together are `SURE`, and with which probability they act."""
+    leading, reached = [], 0.0
+    for one in sorted(found, key=lambda c: -c.probability):
+        leading.append(one.names)
+        reached += one.probability
+        if reached >= SURE:
+            break
+    common = frozenset[str].intersection(*leading) if leading else frozenset()
+    return common, sum(c.probability for c in found if common <= c.names)
+
+
+def _name_what_rivals_share(verdict: Verdict, selector: Selector, selection: Selection) -> None:
+    """A partial answer where rivals differ in a further cause only: what they share, if that is most of the gap."""
+    common, probability = shared(verdict.classes)
+    fits = [s for s in [*selection.singles, *selection.rivals] if names(s.fit) == common and len(s.fit.fold_x)]
+    if not common or not fits:
+        return
+    kept, scores, reference = min(fits, key=lambda s: s.score), selector.scores, selection.reference
+    explained = max(
+        _explained(scores.typical(reference.fit.held), scores.typical(kept.fit.held)),
+        _explained(reference.gap, kept.gap),
+    )
+    if explained < MOST:
+        return
+    further = ", ".join(" + ".join(sorted(names(f) - common)) for f in verdict.open if names(f) > common)
+    verdict.kind, verdict.best, verdict.probability, verdict.equivalent = "partial", kept, probability, _aliases(kept)
+    verdict.reasons = [
+        f"{kept.key} explains {100 * explained:.0f} % of what nominal numbers leave, and every hypothesis that is "
+        f"likely has it; of what is left some is explained by one of {further}, which this recording does not tell apart"
+    ]
+    verdict.explained = max(
+        _explained(scores.typical(selector.nominal_square), scores.typical(kept.fit.held)),
+        _explained(selection.nominal_gap, kept.gap),
+    )
+    selection.best, selection.gains = kept, [scores.difference(reference.fit, kept.fit)]
+    selection.rivals = [kept, *(s for s in selection.rivals if s is not kept)]
 
 
 def _doubts(selector: Selector, selection: Selection) -> list[str]:
