@@ -225,7 +225,7 @@ def _name_what_rivals_share(verdict: Verdict, selector: Selector, selection: Sel
     verdict.kind, verdict.best, verdict.probability, verdict.equivalent = "partial", kept, probability, _aliases(kept)
     verdict.reasons = [
         f"{kept.key} explains {100 * explained:.0f} % of what nominal numbers leave, and every hypothesis that is "
-        f"likely has it; of what is left some is explained by one of {further}, which this recording does not tell apart"
+        f"likely has it; of what is left some is explained by one of {further}: this recording does not tell which"
     ]
     verdict.explained = max(
         _explained(scores.typical(selector.nominal_square), scores.typical(kept.fit.held)),
