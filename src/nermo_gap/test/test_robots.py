@@ -362,6 +362,17 @@ def test_the_live_gap_is_nothing_for_the_twin_itself_and_shows_the_leg_that_diff
     assert max(gaps[1], key=lambda name: gaps[1][name]) == "rear_right leg" and gaps[1]["rear_right leg"] > 3.0
 
 
+@pytest.mark.parametrize("said", [1e200, -1e308])
+def test_the_live_gap_stays_a_number_whatever_a_sensor_says(said: float) -> None:
+    robot = load_robot("nermo_lite")
+    live = LiveGap(robot)
+    stand = {name: servo.neutral for name, servo in robot.servos.items()}
+    for tick in range(1, 4):
+        live.command(5_000_000 * tick, stand)
+        live.measured(5_000_000 * tick, dict.fromkeys((*GYRO, encoder("front_left")), said))
+    assert all(np.isfinite(value) and value > 1e3 for value in live.gap().values())
+
+
 def test_every_nominal_number_of_the_mouse_has_a_unit_and_moves() -> None:
     plant = robot_plant(load_robot("nermo"), list(simulate(load_robot("nermo"), 0.1, seed=2)))
     size = np.ones(len(plant.inputs))

@@ -22,6 +22,8 @@ MISSING = 0.5
 """[s] without commands after which the twin starts anew with the next one, standing."""
 TURNING = 0.05
 """[rad/s] by which the mean turning rates of two equal mice differ; single samples depend on every footfall."""
+FARTHEST = 1e6
+"""[rad], [rad/s] A difference counts as no more than this, so that its square stays a number whatever was said."""
 FAR = 3.0
 """A gap beyond this many resolutions is worth a warning."""
 
@@ -85,7 +87,7 @@ class LiveGap:
         expected = self._expected[near]
         for name, value in values.items():
             if name in self._differences and math.isfinite(value):
-                self._differences[name].append(value - expected[name])
+                self._differences[name].append(max(-FARTHEST, min(value - expected[name], FARTHEST)))
 
     def gap(self) -> dict[str, float]:
         """Root mean square gap by subsystem, of those of which something was measured."""
