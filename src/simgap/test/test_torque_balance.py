@@ -53,6 +53,15 @@ def test_damping_and_lag_are_told(damping: float, late: float) -> None:
         assert b.lag == pytest.approx(late, abs=0.012)
 
 
+def test_what_a_model_has_itself_is_not_told_again_where_a_torque_drives() -> None:
+    """A cart with the damping of its model, pushed by a motor."""
+    plant, aligned, floor = aligned_of("cart_pole", simulate("cart_pole", 12.0))
+    (slide,) = balances(plant, aligned, measured_state(plant, aligned, floor))
+    assert slide.joint == "slide" and not slide.servo
+    assert slide.gain == pytest.approx(1.0, abs=0.1) and slide.damping == pytest.approx(0.0, abs=0.15)
+    assert slide.nominal > 0.9 and hints([slide]) == []
+
+
 def test_a_model_that_is_right_is_spoken_of_by_no_hint() -> None:
     assert hints(_found()) == []
 

@@ -62,12 +62,13 @@ class Balance:
             too little torque to tell. Friction and damping are in proportion to it.
         friction: dry friction beside the model's [N m or N].
         damping: beside the model's [N m s/rad or N s/m].
-        offset: what the drive adds to its input, in the joint's unit; of a torque [N m or N].
+        offset: what a servo adds to its command, in the command's unit; of another drive the torque beside [N m or N].
         lag: [s] of the input.
         torque: root mean square of the torque that the motion took [N m or N].
         explained: share of the power of the servo's error (of the torque) that the balance explains (1: all).
         nominal: share of it that nominal numbers explain; negative where they make it worse.
         carries: {term: root mean square of what it carries, as a share of that error (torque)}.
+        servo: whether the drive is a position servo.
     """
 
     joint: str
@@ -81,6 +82,7 @@ class Balance:
     explained: float
     nominal: float
     carries: dict[str, float]
+    servo: bool = False
     borrowed: bool = False
 
     def told(self) -> dict[str, object]:
@@ -144,7 +146,7 @@ def hints(found: Sequence[Balance]) -> list[tuple[str, str, float]]:
             ("coulomb_friction", b.joint, b.friction, b.carries["friction"]),
             ("viscous_friction", b.joint, b.damping, b.carries["damping"]),
             ("joint_damping", b.joint, b.damping, b.carries["damping"]),
-            ("servo_offset", b.actuator, b.offset, b.carries["offset"]),
+            ("servo_offset", b.actuator if b.servo else "", b.offset, b.carries["offset"]),
         ]
         for name, site, value, worth in rows:
             if site:
@@ -240,7 +242,7 @@ def _balance(plant: Plant, aligned: Aligned, motion: _Motion, dof: int) -> Balan
     if actuator >= 0 and is_servo(model, actuator, 1) and not several:
         solve: _Solve = _servo(plant, aligned, motion, dof, first, terms, moving)
     else:
-        solve = _torque(plant, aligned, motion, drives, terms, moving)
+        solve = _torque(plant, aligned, motion, dof, drives, terms, moving)
     found = min((solve(float(lag)) for lag in np.arange(0.0, _LATEST + 1e-9, 0.5 * aligned.period)), key=_missed)
     joint = int(model.dof_jntid[dof])
     return replace(
@@ -285,12 +287,13 @@ def _servo(
             float(stiffness / gain),
             float(x[1] * stiffness),
             float((x[2] - rate / gain) * stiffness - damping),
-            float(-x[3]),
+            float(-x[3] * gear),
             lag,
             0.0,
             _share(error, terms @ x),
             _share(error, nominal),
             carried,
+            servo=True,
         )
 
     return solve
@@ -300,6 +303,7 @@ def _torque(
     plant: Plant,
     aligned: Aligned,
     motion: _Motion,
+    dof: int,
     drives: Sequence[int],
     terms: Array,
     moving: NDArray[np.bool_],
@@ -307,14 +311,16 @@ def _torque(
     """The torque by what its inputs ask for, with the bias of their actuators; losses with it."""
     low, high = np.array([_LEAST_GAIN, 0.0, -np.inf, -np.inf]), np.array([_LARGEST_GAIN, np.inf, np.inf, np.inf])
     needed, signs = terms[:, 0], np.array([-1.0, -1.0, 1.0])
+    friction, damping = float(plant.model.dof_frictionloss[dof]), float(plant.model.dof_damping[dof])
+    lost = terms[:, 1:3] @ np.array([friction, damping])
 
     def solve(lag: float) -> _Solved:
         asked = sum((_asked(plant, aligned, motion, i, lag) for i in drives), np.zeros(len(motion.rows)))[moving]
         columns = np.concatenate([asked[:, None], terms[:, 1:] * signs], axis=1)
         x, missed = _robust(columns, needed, low, high)
         carried = dict(zip(("torque", "friction", "damping", "offset"), _sizes(columns * x, needed), strict=True))
-        told = float(x[0]), float(x[1]), float(x[2]), float(x[3])
-        shares = _share(needed, columns @ x), _share(needed, asked)
+        told = float(x[0]), float(x[1]), float(x[2]) - damping, float(x[3])
+        shares = _share(needed, columns @ x), _share(needed, asked - lost)
         return missed, Balance("", "", *told, lag, 0.0, *shares, carried)
 
     return solve
