@@ -60,6 +60,7 @@ class MotionModule:
             config.lockstep,
         )
         self._state: State
+        self._period = period_ns
         self._alive: dict[Source, int] = {}
         self._last_stamp: int | None = None
         self._output: MotionOutput
@@ -118,6 +119,9 @@ class MotionModule:
         context.velocities = STANDING_STILL
         if self._last_stamp is None or not 0 < stamp - self._last_stamp <= context.timeout:
             self._restart(servo_positions)
+            context.body.due(1.0)
+        else:
+            context.body.due((stamp - self._last_stamp) / self._period)
         self._last_stamp = stamp
 
         self._inbox.take(stamp, command, tick.warnings)

@@ -16,6 +16,7 @@ from nermo_control.gait.knowledge_base import GaitDefinition, GaitParameters, Le
 from nermo_control.gait.trajectory import TrajectoryGenerator
 from nermo_control.legs.kinematics import LegKinematics
 from nermo_control.lift import KNEE_COMPRESSION, LIFT_DURATION, LIFTED_LEG, SHIFT_DURATION
+from nermo_control.motion.body import LATEST_TICKS
 from nermo_control.motion.config import MotionModuleConfig
 from nermo_control.motion_module import MotionModule
 from nermo_control.types import FootTrajectory, Four, MotionCommand, MotionOutput, Phase, Posture, SpineModes
@@ -154,6 +155,32 @@ def test_the_longest_stride_at_1_hz_with_offset_compensation_is_smooth_by_itself
     # The foot keeps to its path; only its height's offset comes later.
     for ours, other in zip(rig.outputs, plain.outputs, strict=True):
         assert [x for x, _ in rig.feet(ours)] == pytest.approx([x for x, _ in plain.feet(other)], abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["nermo", "nermo_lite"])
+@settings(max_examples=10, deadline=None)
+@given(st.lists(st.integers(1, LATEST_TICKS), min_size=20, max_size=60))
+def test_ticks_that_come_late_slow_no_servo_down(name: str, periods: list[int]) -> None:
+    robot = load_robot(name)
+    rig = Rig(robot)
+    rig.run(1.0, replace(WALK, forward_velocity=0.06))
+    last = rig.servos
+    for number in itertools.islice(itertools.cycle(periods), 200):
+        rig.stamp += (number - 1) * PERIOD
+        rig.run(PERIOD * 1e-9, replace(WALK, forward_velocity=0.06))
+        for before, now, servo in zip(last, rig.servos, robot.servos.values(), strict=True):
+            assert abs(now - before) <= servo.max_velocity * number * PERIOD * 1e-9 + 1e-12
+        last = rig.servos
+    assert not warnings(rig.outputs)
+
+
+def test_a_tick_later_than_that_moves_a_servo_no_farther(rig: Rig) -> None:
+    rig.run(1.0, WALK)
+    last = rig.servos
+    rig.stamp += 60 * PERIOD
+    rig.run(PERIOD * 1e-9, replace(WALK, posture=Posture.STAND))
+    for before, now, servo in zip(last, rig.servos, rig.robot.servos.values(), strict=True):
+        assert abs(now - before) <= servo.max_velocity * LATEST_TICKS * PERIOD * 1e-9 + 1e-12
 
 
 @settings(max_examples=20, deadline=None)

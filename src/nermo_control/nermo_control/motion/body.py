@@ -20,6 +20,8 @@ from nermo_description.parameters import LEGS, RobotParameters
 
 FARTHEST_BACK = 2e-3
 """A knee moves a foot by less than that in a tick [m]: so far an offset may even go back."""
+LATEST_TICKS = 4
+"""A tick may be late by three periods, and the servos go as far as they had time for; beyond that they take longer."""
 HALVINGS = 12
 """An offset that comes later is found to a micrometre."""
 
@@ -36,7 +38,8 @@ class Body:
         self._names = tuple(robot.servos)
         self._index = {name: number for number, name in enumerate(self._names)}
         self._neutral = [servo.neutral for servo in robot.servos.values()]
-        self._largest_steps = [servo.max_velocity * period_ns * 1e-9 for servo in robot.servos.values()]
+        self._steps_of_a_tick = [servo.max_velocity * period_ns * 1e-9 for servo in robot.servos.values()]
+        self._largest_steps = self._steps_of_a_tick
         self._knees = [self._index[f"{leg}_knee"] for leg in LEGS]
         self._offsets = [0.0] * len(LEGS)
         """Of the feet's heights, as they were placed last [m]."""
@@ -48,6 +51,11 @@ class Body:
     def set_parameters(self, parameters: GaitParameters) -> None:
         """Takes new parameters of the spine's functions."""
         self._spine.set_parameters(parameters)
+
+    def due(self, periods: float) -> None:
+        """Says how many control periods this tick comes after the last one: what a servo can do in the meantime."""
+        periods = min(max(periods, 1.0), LATEST_TICKS)
+        self._largest_steps = [periods * step for step in self._steps_of_a_tick]
 
     def begin(self, measured: Sequence[float], warnings: list[str]) -> None:
         """Begins where the servos are measured [rad]; in neutral where that is no number.
