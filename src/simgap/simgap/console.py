@@ -212,8 +212,7 @@ def write_diagnosis(found: Diagnosis, out: Path | None, json_: Path | None) -> P
     from simgap.report.evidence import gather
     from simgap.report.html import write_page
 
-    fit = found.selection.best.fit
-    found.report["correction"] = diagnosed(found.selector.fitter, fit, found.report["effects"]).report()
+    found.report["correction"] = diagnosed(found.selector.fitter, found.numbers, found.report["effects"]).report()
     if out or json_:
         write_experiment(found, out or json_.parent, found.menu)  # type: ignore[union-attr]
     for path in filter(None, [json_, out / "diagnosis.json" if out else None]):

@@ -33,6 +33,7 @@ from simgap.inference.baselines import best_in_sample, fit_everything
 from simgap.inference.budget import Budget
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.long_windows import LongWindows, refit
 from simgap.inference.nuisance import BOX
 from simgap.inference.select import Selection, Selector
 from simgap.inference.stochastic_link import PATTERN
@@ -63,6 +64,13 @@ class Diagnosis:
     """Where the proposal comes from."""
     runs: list[FreeRun] = field(default_factory=list)
     """Free runs of the models of the waterfall."""
+    longer: LongWindows | None = None
+    """The winner's numbers, where long windows tell them better."""
+
+    @property
+    def numbers(self) -> Fit:
+        """The winner with the numbers that are reported."""
+        return self.longer.fit if self.longer else self.selection.best.fit
 
 
 def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | None = None) -> Diagnosis:
@@ -105,9 +113,12 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
         proposal = propose(
             fitter, verdict.open, options.menu, options.seed, lambda share: options.say("next experiment", share)
         )
-    report = _report(aligned, floor, selector, selection, verdict, structure, options)
+    longer = None
+    if verdict.kind not in ("no_gap", "unknown") and not budget.left_out:
+        longer = refit(fitter, selection.best.fit, lambda share: options.say("long windows", share))
+    report = _report(aligned, floor, selector, selection, verdict, structure, options, longer)
     options.say("free runs", 0.0)
-    keys, runs = explain(fitter, selector.scores, selection, report, options.seed)
+    keys, runs = explain(fitter, selector.scores, selection, report, options.seed, longer)
     report |= keys
     report["borders"] = [b.told() for b in found.near]
     report["torque_balance"] = [b.told() for b in found.balances]
@@ -119,7 +130,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     report["time_step_s"] = float(plant.model.opt.timestep)
     report["replayed_s"] = residuals.replayer.simulated_seconds
     report["wall_s"] = time.monotonic() - started
-    return Diagnosis(verdict, selection, selector, aligned, report, proposal, options.menu, runs)
+    return Diagnosis(verdict, selection, selector, aligned, report, proposal, options.menu, runs, longer)
 
 
 def timing_at_its_limit(fit: Fit, fitter: Fitter) -> str:
@@ -143,6 +154,7 @@ def _report(
     verdict: Verdict,
     structure: float,
     options: Options,
+    longer: LongWindows | None,
 ) -> dict[str, Any]:
     fitter, best = selector.fitter, selection.best
     residuals, plant = fitter.residuals, fitter.residuals.replayer.plant
@@ -162,7 +174,8 @@ def _report(
         "where": locate(residuals, nominal, options.phases),
         "left": locate(residuals, best.fit.residual, options.phases),
         "frequency": bands(residuals, nominal),
-        "effects": _effects(selector, selection),
+        "effects": _effects(selector, selection, longer),
+        "long_windows": longer.told() if longer else None,
         "ranking": [
             {"hypothesis": s.key, "score": s.score, "gap": s.gap, "prior": s.fit.prior} for s in selection.singles
         ],
@@ -236,17 +249,18 @@ def _gap(selector: Selector, selection: Selection, nominal: Array) -> dict[str, 
     }
 
 
-def _effects(selector: Selector, selection: Selection) -> list[dict[str, Any]]:
+def _effects(selector: Selector, selection: Selection, longer: LongWindows | None) -> list[dict[str, Any]]:
     best, reference = selection.best, selection.reference
     if best is reference:
         return []
     found, position = [], 0
     plant = selector.fitter.residuals.replayer.plant
-    deviation = parameter_deviation(best.fit, float(plant.model.opt.timestep))
+    fit = longer.fit if longer else best.fit
+    deviation = parameter_deviation(fit, float(plant.model.opt.timestep))
     for i, effect in enumerate(best.fit.hypothesis.effects):
         parameters = {}
         for parameter in effect.parameters:
-            value, sd = float(best.fit.x[position]), float(deviation[position])
+            value, sd = float(fit.x[position]), float(deviation[position])
             parameters[parameter.name] = {
                 "value": value,
                 "unit": parameter.unit,

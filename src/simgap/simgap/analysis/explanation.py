@@ -10,6 +10,7 @@ from simgap.analysis.recalibration import calibration
 from simgap.analysis.remainder import describe
 from simgap.analysis.waterfall import RECALIBRATED, models, steps, waterfall
 from simgap.inference.fit import Fitter
+from simgap.inference.long_windows import LongWindows
 from simgap.inference.scores import Scores
 from simgap.inference.select import Selection
 
@@ -18,24 +19,31 @@ NAMES = ("nominal", RECALIBRATED, "diagnosed", "fit_everything")
 
 
 def explain(
-    fitter: Fitter, scores: Scores, selection: Selection, report: dict[str, Any], seed: int = 0
+    fitter: Fitter,
+    scores: Scores,
+    selection: Selection,
+    report: dict[str, Any],
+    seed: int = 0,
+    longer: LongWindows | None = None,
 ) -> tuple[dict[str, Any], list[FreeRun]]:
     """Keys `waterfall`, `calibration`, `agreement`, `remainder` and `free_running` of a report, and the runs drawn.
 
+    ``longer``: the winner's numbers where long windows tell them better; free runs and corrections take those.
     ``report`` holds the keys `gap`, `baselines` and `unexplained_predictable_share` of the same selection.
     """
     plant, gap = fitter.residuals.replayer.plant, report["gap"]
-    found = steps(fitter, scores, selection, gap["before"])
+    found = steps(fitter, scores, selection, gap["before"], longer)
     run = models(found)
     if everything := report["baselines"].get("fit_everything"):
         run.insert(0, Model.everything(fitter, everything))
     runs = free_runs(fitter, run, seed)
     best = selection.best.fit
-    diagnosed = fitter.variant(best.hypothesis, best.x, best.z)
+    numbers = longer.fit if longer else best
+    diagnosed = fitter.variant(best.hypothesis, numbers.x, numbers.z)
     predictable = report["unexplained_predictable_share"]
     keys = {
         "waterfall": waterfall(fitter, found, runs),
-        "calibration": calibration(fitter, best),
+        "calibration": calibration(fitter, best, longer),
         "agreement": agreement(fitter, best),
         "remainder": describe(fitter.residuals, diagnosed, best.residual, gap, predictable),
         "free_running": told(runs, plant, [n for n in NAMES if any(m.name == n for m in run)]),

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.inference.deviations import nuisance_deviation
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.long_windows import LongWindows
 from simgap.inference.nuisance import BOX
 
 Array = NDArray[np.float64]
@@ -22,13 +24,18 @@ _MOST = 16
 """Numbers that are reported, those that moved furthest first."""
 
 
-def calibration(fitter: Fitter, fit: Fit) -> list[dict[str, Any]]:
+def calibration(fitter: Fitter, fit: Fit, longer: LongWindows | None = None) -> list[dict[str, Any]]:
     """``calibration`` of the report for a cross-validated fit; the numbers that explain most come first.
+
+    Where long windows tell the numbers better, it is those.
 
     ``gap_share`` is the part of the gap that a number explains, see `gap_shares`.
     """
-    deviation = nuisance_deviation(fitter, fit)
-    low, high = (np.clip(fit.z + side * _NORMAL_90 * deviation, -BOX, BOX) for side in (-1.0, 1.0))
+    if longer is None:
+        deviation, box = nuisance_deviation(fitter, fit), np.full(len(fit.z), BOX)
+    else:
+        fit, deviation, box = longer.fit, longer.deviation, longer.box
+    low, high = (np.clip(fit.z + side * _NORMAL_90 * deviation, -box, box) for side in (-1.0, 1.0))
     sure = (low > 0.0) | (high < 0.0)
     order = np.argsort(-np.abs(fit.z))
     moved = [int(i) for i in order if abs(fit.z[i]) > MOVED or (sure[i] and abs(fit.z[i]) > 0.1 * MOVED)][:_MOST]
@@ -45,7 +52,7 @@ def calibration(fitter: Fitter, fit: Fit) -> list[dict[str, Any]]:
                 "ci90": sorted([number.value(float(low[i])), number.value(float(high[i]))]),
                 "gap_share": share,
                 "prior_deviations": float(fit.z[i]),
-                "at_limit": bool(abs(fit.z[i]) >= AT_LIMIT * BOX),
+                "at_limit": bool(abs(fit.z[i]) >= AT_LIMIT * box[i]),
             }
         )
     return sorted(rows, key=lambda row: -float(str(row["gap_share"])))
@@ -75,22 +82,3 @@ def gap_shares(fitter: Fitter, fit: Fit, which: list[int]) -> list[float]:
         before, after = fitter.replay(fit.hypothesis, [(middle_x, z) for z in ends])
         shares.append(float((weight * both * (before - after)[held]).sum()) / power if power > 0.0 else 0.0)
     return shares
-
-
-def nuisance_deviation(fitter: Fitter, fit: Fit) -> Array:
-    """Standard error (nz,) of each nuisance: that of the fit with its prior, or that of the folds where it is larger.
-
-    The effects' parameters are free beside them.
-    """
-    ne, nn = len(fit.x), len(fit.z)
-    weights = fitter.weights(fitter.mean_square(fit.residual))
-    root = np.sqrt(np.broadcast_to(weights[:, None, :], fit.residual.shape)).reshape(-1)
-    stacked = np.concatenate([fit.effect_jacobian, fitter.jacobian]).reshape(ne + nn, -1) * root
-    prior = np.r_[np.full(ne, 1e-6), np.ones(nn)]
-    own = np.sqrt(np.maximum(np.diag(np.linalg.inv(stacked @ stacked.T + np.diag(prior))), 0.0))[ne:]
-    folds = len(fit.fold_z)
-    if folds < 2:
-        return own
-    spread = np.sqrt((folds - 1) / folds * ((fit.fold_z - fit.fold_z.mean(axis=0)) ** 2).sum(axis=0))
-    found: Array = np.maximum(own, spread)
-    return found

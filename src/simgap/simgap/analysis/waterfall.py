@@ -13,6 +13,7 @@ from simgap.analysis.errors import by_channel, measured_of
 from simgap.analysis.free_running import FreeRun, Model, pooled
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.long_windows import LongWindows
 from simgap.inference.scores import Scores
 from simgap.inference.select import Selection
 
@@ -30,10 +31,14 @@ class Step:
     model: Model
 
 
-def steps(fitter: Fitter, scores: Scores, selection: Selection, nominal_gap: float) -> list[Step]:
+def steps(
+    fitter: Fitter, scores: Scores, selection: Selection, nominal_gap: float, longer: LongWindows | None = None
+) -> list[Step]:
     """Nominal, recalibrated, and the causes in the order in which they were found; the last leaves `gap.after`.
 
-    Causes before the last are fitted without those that follow, with all nominal numbers anew.
+    The last has the numbers of long windows, where they tell them better.
+
+    Causes before it are fitted without those that follow, with all nominal numbers anew.
     """
     found = [Step("nominal", nominal_gap, Model.nominal(fitter))]
     reference, best = selection.reference.fit, selection.best.fit
@@ -43,7 +48,10 @@ def steps(fitter: Fitter, scores: Scores, selection: Selection, nominal_gap: flo
         last = count == len(effects)
         fit = best if last else _without_later(fitter, selection, count)
         key = f"{effects[count - 1].name}@{effects[count - 1].site.name}"
-        found.append(Step(key, float(scores.gaps(fit.held)[0]), Model.of(DIAGNOSED if last else key, fit)))
+        numbers = longer.fit if last and longer else fit
+        found.append(Step(key, float(scores.gaps(fit.held)[0]), Model.of(DIAGNOSED if last else key, numbers)))
+    if not effects and longer:
+        found[-1] = Step(RECALIBRATED, found[-1].gap, Model.of(RECALIBRATED, longer.fit))
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -91,6 +92,15 @@ def longer(aligned: Aligned, warm_up: float = WARM_UP) -> float:
         if windows >= MIN_WINDOWS and covered >= _COVERED * most:
             return horizon
     return HORIZON
+
+
+def covering(aligned: Aligned, horizons: Sequence[float], warm_up: float = WARM_UP) -> float | None:
+    """The first of ``horizons`` [s] that leaves out little of what windows of HORIZON cover; None where all do."""
+
+    def seconds(horizon: float) -> float:
+        return horizon * sum(int((r.stop - r.start) * aligned.period / (horizon + warm_up)) for r in aligned.runs)
+
+    return next((h for h in horizons if seconds(h) >= _COVERED * seconds(HORIZON)), None)
 
 
 def affordable(model: mujoco.MjModel) -> int:

@@ -1,0 +1,190 @@
+"""The winner fitted once more in long windows, where the robot forgets its start.
+
+A window of half a second begins where the robot was. An error that is slow or steady (a sag under load, a zero, the
+drag of a slow motion) shows little in it, and all of it in a run that nobody puts back to the measurement, which is
+what a user of the corrected model gets. Which effects act was decided in short windows; here only their numbers and
+the nominal ones are fitted again, from where they are.
+
+Nobody draws damping, friction, armature or a servo's gain: datasheets are silent, and models hold guesses. How much
+wider than usual their priors are is chosen by what the fits predict of runs that they have not seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.data.align import Aligned, Run
+from simgap.inference.deviations import nuisance_deviation
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Fit
+from simgap.inference.nuisance import BOX, Nuisance
+from simgap.inference.residual import Residuals
+from simgap.simulation.horizon import forgets
+from simgap.simulation.replay import Replayer
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import FOLDS, MAX_WINDOWS, Windows, covering, cut
+
+Array = NDArray[np.float64]
+
+HORIZONS = (20.0, 10.0, 5.0, 2.4)
+"""[s] of the long windows: the first of which the runs hold as many seconds as of the short ones, or nearly."""
+WIDER = (1.0, 4.0, 16.0)
+"""Times as wide as usual are the priors of what nobody draws. The last leaves a factor of seven either way."""
+UNDRAWN = ("timing", "damping", "friction", "stiffness", "tendon", "armature", "gain", "rate gain", "zero")
+"""First words of the names of numbers that no drawing holds."""
+_ROUNDS, _SETTLED = 4, 0.5
+"""Of fitting with sensitivities taken anew, at most; and the gain [nats] of a round below which there is no other."""
+
+
+@dataclass(frozen=True)
+class LongWindows:
+    """What long windows say of the winner's numbers, in the units of the short windows' fit.
+
+    Attributes:
+        horizon: [s] of a window; ``windows``: how many.
+        wider: how many times as wide as usual the priors of undrawn numbers were.
+        gain: what it gains on held-out long windows over the short windows' numbers [nats].
+        fit: the winner with the new numbers; its residuals and held-out costs are those of long windows.
+        deviation: (nz,) standard errors of z.
+        box: (nz,) how far z may go.
+    """
+
+    horizon: float
+    windows: int
+    wider: float
+    gain: float
+    fit: Fit
+    deviation: Array
+    box: Array
+
+    def told(self) -> dict[str, Any]:
+        """``long_windows`` of the report."""
+        return {
+            "horizon_s": self.horizon,
+            "windows": self.windows,
+            "prior_wider": self.wider,
+            "gain": self.gain,
+            "gain_unit": "nats on held-out data",
+        }
+
+
+def refit(fitter: Fitter, fit: Fit, say: Callable[[float], None] = lambda share: None) -> LongWindows | None:
+    """Fit the winner in long windows; None where they say no more, or this recording has none.
+
+    At least FOLDS runs are asked that are held out whole: neighbouring windows of one run are too much alike. Effects
+    that grow or are a matter of chance keep the numbers of short windows.
+
+    Args:
+        fitter: of the short windows.
+        fit: cross-validated in them.
+        say: is told how far it is.
+    """
+    if fit.likelihood is not None or fit.hypothesis.grows:
+        return None
+    windows = _windows(fitter)
+    if windows is None or not forgets(fitter.residuals.replayer, _variant(fitter, fit)):
+        return None
+    base = fitter.residuals.replayer
+    replayer = Replayer(base.plant, base.aligned, windows, base.floor, base.threads)
+    residuals = Residuals.build(replayer, _variant(fitter, fit))
+    plain = Fitter(residuals, fitter.nuisances, fitter.base)
+    plain.estimate_independent(plain.replay(fit.hypothesis, [(fit.x, fit.z)])[0])
+    before = _held_cost(plain, fit)
+    best: LongWindows | None = None
+    for k, wider in enumerate(WIDER):
+        say(k / len(WIDER))
+        share = np.array([wider if undrawn(n) else 1.0 for n in fitter.nuisances])
+        own = Fitter(residuals, [widened(n, s) for n, s in zip(fitter.nuisances, share, strict=True)], fitter.base)
+        own.likelihood = plain.likelihood
+        found = _fitted(own, fit, np.clip(fit.z / share, -BOX, BOX))
+        gain = before - (float(np.nansum(found.held_cost)) + found.prior)
+        if gain > (best.gain if best else 0.0):
+            sd = share * nuisance_deviation(own, found)
+            mine = replace(found, z=share * found.z, fold_z=share * found.fold_z)
+            horizon = windows.length * base.aligned.period
+            best = LongWindows(horizon, len(windows), wider, gain, mine, sd, share * BOX)
+    return best
+
+
+def undrawn(nuisance: Nuisance) -> bool:
+    """Whether a number is one that no drawing holds."""
+    return nuisance.name.startswith(UNDRAWN)
+
+
+def widened(nuisance: Nuisance, share: float) -> Nuisance:
+    """A nominal number whose prior is ``share`` times as wide."""
+    if share == 1.0:
+        return nuisance
+    number = nuisance.number and replace(nuisance.number, spread=share * nuisance.number.spread)
+    return Nuisance(nuisance.name, lambda variant, z: nuisance.apply(variant, share * z), number)
+
+
+def _windows(fitter: Fitter) -> Windows | None:
+    """Long windows, each run in the fold it has in short ones; None where there are none."""
+    base, short = fitter.residuals.replayer, fitter.windows
+    folds = folds_of_runs(base.aligned, short)
+    if folds is None:
+        return None
+    horizon = covering(base.aligned, HORIZONS, short.warm_up * base.aligned.period)
+    if horizon is None or horizon <= 1.5 * short.length * base.aligned.period:
+        return None
+    windows = cut(base.aligned, horizon, short.warm_up * base.aligned.period, MAX_WINDOWS)
+    fold = np.full(len(windows), -1, np.int64)
+    for run in base.aligned.runs:
+        inside = (windows.start >= run.start) & (windows.start < run.stop)
+        fold[inside] = folds[run.label]
+    found = replace(windows, fold=fold)
+    return found if set(fold.tolist()) == set(range(short.folds)) else None
+
+
+def folds_of_runs(aligned: Aligned, short: Windows) -> dict[float, int] | None:
+    """The fold of each run's label; None where runs lie in several, or are named by the map to be held out."""
+    labels = sorted({run.label for run in aligned.runs})
+    if len(labels) < FOLDS or aligned.held_out:
+        return None
+    found = {}
+    for number, label in enumerate(labels):
+        seen = {f for run in aligned.runs if run.label == label for f in _of(short, run)}
+        if len(seen) > 1:
+            return None
+        # No fit has seen a run without short windows.
+        found[label] = seen.pop() if seen else number % short.folds
+    return found
+
+
+def _of(windows: Windows, run: Run) -> set[int]:
+    """Folds of the windows of a run."""
+    return {int(f) for f in windows.fold[(windows.start >= run.start) & (windows.start < run.stop)]}
+
+
+def _variant(fitter: Fitter, fit: Fit) -> Variant:
+    return fitter.variant(fit.hypothesis, fit.x, fit.z)
+
+
+def _held_cost(fitter: Fitter, fit: Fit) -> float:
+    """Cost [nats] of long windows under the short windows' fits that have not seen them, and of their prior."""
+    points = list(zip(fit.fold_x, fit.fold_z, strict=True))
+    squares = fitter.mean_square(fitter.replay(fit.hypothesis, points))
+    fold = fitter.windows.fold
+    held = np.array([squares[f, w] if f >= 0 else squares[0, w] for w, f in enumerate(fold)])
+    return float(np.nansum(fitter.likelihood.held_out(held, fold, squares))) + fit.prior
+
+
+def _fitted(fitter: Fitter, fit: Fit, z: Array) -> Fit:
+    """Fit from the short windows' numbers until it settles, and cross-validate."""
+    hypothesis, x = fit.hypothesis, fit.x
+    residual = fitter.replay(hypothesis, [(x, z)])[0]
+    last = np.inf
+    for _ in range(_ROUNDS):
+        fitter.refresh(hypothesis, x, z, residual)
+        found = fitter.fit(hypothesis, x, z, 6, residual)
+        x, z, residual = found.x, found.z, found.residual
+        if last - found.cost < _SETTLED:
+            break
+        last = found.cost
+    return fitter.cross_validate(found)

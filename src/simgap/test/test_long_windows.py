@@ -1,0 +1,86 @@
+"""The winner's numbers in long windows: what a run that nobody puts back to the measurement needs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from robots import plant_of, simulate
+
+from simgap.analysis.options import Options
+from simgap.analysis.recalibration import calibration
+from simgap.analysis.search import Search, search
+from simgap.data.recording import recording_from_table
+from simgap.inference.budget import Budget
+from simgap.inference.long_windows import WIDER, folds_of_runs, refit, undrawn, widened
+from simgap.simulation.variant import Variant
+
+Array = NDArray[np.float64]
+SECONDS, DRAG, FRICTION = 5.5, 1.7, 0.25
+
+
+def _truth(model: mujoco.MjModel) -> None:
+    model.actuator_biasprm[:, 2] *= DRAG
+    model.dof_frictionloss[1] += FRICTION
+
+
+@pytest.fixture(scope="module")
+def found() -> Search:
+    parts = []
+    for run in range(3):
+        made = simulate("arm", SECONDS, run, change=_truth)
+        parts.append(made | {"run": np.full(len(made["t"]), float(run))})
+    table = {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
+    plant = plant_of("arm", lambda data: data.update(segments={"column": "run"}))
+    recording = recording_from_table(table, plant)
+    return search([recording], plant, Options(only=("coulomb_friction",), max_windows=12), Budget())
+
+
+def test_long_windows_tell_a_number_that_priors_held_back(found: Search) -> None:
+    best, fitter = found.selection.best.fit, found.fitter
+    longer = refit(fitter, best)
+    assert longer is not None
+    assert longer.horizon == pytest.approx(5.0, abs=0.1)
+    assert longer.gain > 0.0
+    assert longer.wider in WIDER[1:]
+    model = found.plant.model
+    for joint in range(model.njnt):
+        # Damping of the joint and of its servo are one to a joint.
+        nominal, short, long = (_drag(found, z, joint) for z in (0.0 * best.z, best.z, longer.fit.z))
+        truth = nominal + (DRAG - 1.0) * -float(model.actuator_biasprm[joint, 2])
+        assert long == pytest.approx(truth, rel=0.1)
+        assert abs(short - truth) > 2.0 * abs(long - truth)
+    for row in calibration(fitter, best, longer):
+        assert row["ci90"][0] <= row["value"] <= row["ci90"][1]
+        assert abs(row["prior_deviations"]) <= longer.box.max() + 1e-9
+
+
+def _drag(found: Search, z: Array, joint: int) -> float:
+    """Damping of a joint with its servo's [N m s/rad]."""
+    made = found.fitter.variant(found.selection.best.fit.hypothesis, found.selection.best.fit.x, z).model
+    return float(made.dof_damping[joint] - made.actuator_biasprm[joint, 2])
+
+
+def test_its_numbers_are_in_the_units_of_the_short_windows(found: Search) -> None:
+    fitter = found.fitter
+    nuisance = next(n for n in fitter.nuisances if undrawn(n) and n.name.startswith("damping"))
+    one, other = (Variant.nominal(fitter.residuals.replayer.plant) for _ in range(2))
+    widened(nuisance, 4.0).apply(one, 0.3)
+    nuisance.apply(other, 1.2)
+    np.testing.assert_allclose(one.model.dof_damping, other.model.dof_damping)
+    assert widened(nuisance, 4.0).described().value(0.3) == pytest.approx(nuisance.described().value(1.2))
+
+
+def test_drawn_numbers_keep_their_priors(found: Search) -> None:
+    drawn = {n.name.split()[0] for n in found.fitter.nuisances if not undrawn(n)}
+    assert drawn >= {"mass", "com", "inertia"}
+
+
+def test_two_runs_are_too_few(found: Search) -> None:
+    whole, windows = found.aligned, found.fitter.windows
+    assert folds_of_runs(whole, windows) == {0.0: 0, 1.0: 1, 2.0: 2}
+    assert folds_of_runs(replace(whole, runs=whole.runs[:2]), windows) is None
+    assert folds_of_runs(replace(whole, held_out=(2.0,)), windows) is None
