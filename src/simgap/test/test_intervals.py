@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from robots import aligned_of, simulate
 from scipy.stats import truncnorm
 
-from simgap.analysis.diagnose import LAW, parameter_deviation
 from simgap.effects.base import Context
 from simgap.effects.library import enumerate_effects
+from simgap.inference.deviations import LAW, parameter_deviation
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.nuisance import BOX, enumerate_nuisances

@@ -31,6 +31,7 @@ from simgap.data.plant import Plant
 from simgap.data.recording import Recording
 from simgap.inference.baselines import best_in_sample, fit_everything
 from simgap.inference.budget import Budget
+from simgap.inference.deviations import NORMAL_90, parameter_deviation
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.long_windows import LongWindows, refit
@@ -43,11 +44,6 @@ from simgap.inference.verdict import Verdict, judge
 Array = NDArray[np.float64]
 
 SCHEMA = "nermo_gap/diagnosis/1"
-LAW = 0.015
-"""Standard error of any parameter as a share of its size (for a factor: of its distance from 1), beside what the data
-say, per effect: a robot's friction or servo follows the law of the library only about, and what one effect's law
-leaves another takes up. Chosen on 144 intervals of the blind sets 79341278 and 55795674, of which it would hold 88 %
-(93 of single effects, 84 of pairs) with the fits' own deviations taken as 0.74 of those of that day."""
 
 
 @dataclass
@@ -264,7 +260,7 @@ def _effects(selector: Selector, selection: Selection, longer: LongWindows | Non
             parameters[parameter.name] = {
                 "value": value,
                 "unit": parameter.unit,
-                "ci90": [max(value - 1.645 * sd, parameter.low), min(value + 1.645 * sd, parameter.high)],
+                "ci90": [max(value - NORMAL_90 * sd, parameter.low), min(value + NORMAL_90 * sd, parameter.high)],
             }
             position += 1
         mean, low, high = selection.gains[min(i, len(selection.gains) - 1)]
@@ -280,23 +276,6 @@ def _effects(selector: Selector, selection: Selection, longer: LongWindows | Non
             entry["form"] = effect.form
         found.append(entry)
     return found
-
-
-def parameter_deviation(fit: Fit, timestep: float = 0.0) -> Array:
-    """Standard error of each parameter: the larger of the fit's own and that of the folds (jackknife), and the laws'.
-
-    A simulation resolves times no better than its ``timestep`` [s].
-    """
-    own = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    folds = len(fit.fold_x)
-    if folds > 1:
-        spread = np.sqrt((folds - 1) / folds * ((fit.fold_x - fit.fold_x.mean(axis=0)) ** 2).sum(axis=0))
-        own = np.maximum(own, spread)
-    size = np.minimum(np.abs(fit.x - fit.hypothesis.vector("neutral")), np.abs(fit.x))
-    law = LAW * len(fit.hypothesis.effects) * size
-    times = np.array([p.unit == "s" for e in fit.hypothesis.effects for p in e.parameters])
-    result: Array = np.sqrt(own**2 + law**2 + np.where(times, timestep**2 / 12.0, 0.0))
-    return result
 
 
 def _baselines(fitter: Fitter, selector: Selector, selection: Selection, options: Options) -> dict[str, Any]:

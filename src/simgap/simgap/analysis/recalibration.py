@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.inference.deviations import nuisance_deviation
+from simgap.inference.deviations import NORMAL_90, nuisance_deviation
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.long_windows import LongWindows
@@ -19,7 +19,6 @@ MOVED = 0.3
 """[prior deviations] A number that moved by less is not reported, unless its interval leaves out the nominal value."""
 AT_LIMIT = 0.999
 """Share of the box at which a number sits on its limit."""
-_NORMAL_90 = 1.645
 _MOST = 16
 """Numbers that are reported, those that moved furthest first."""
 
@@ -35,7 +34,7 @@ def calibration(fitter: Fitter, fit: Fit, longer: LongWindows | None = None) -> 
         deviation, box = nuisance_deviation(fitter, fit), np.full(len(fit.z), BOX)
     else:
         fit, deviation, box = longer.fit, longer.deviation, longer.box
-    low, high = (np.clip(fit.z + side * _NORMAL_90 * deviation, -box, box) for side in (-1.0, 1.0))
+    low, high = (np.clip(fit.z + side * NORMAL_90 * deviation, -box, box) for side in (-1.0, 1.0))
     sure = (low > 0.0) | (high < 0.0)
     order = np.argsort(-np.abs(fit.z))
     moved = [int(i) for i in order if abs(fit.z[i]) > MOVED or (sure[i] and abs(fit.z[i]) > 0.1 * MOVED)][:_MOST]

@@ -38,6 +38,8 @@ class Parameter:
         strong: distance from neutral of the strongest try.
         log: whether it is a factor, which may be wrong by decades: steps and distances are those of its logarithm.
         far: further values to start from, decades away: near ones show nothing where a model is that wrong.
+        spread: standard deviation about neutral of what somebody has stated (a controller's own gain); of the
+            logarithm of a factor. Nothing is known of others.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Parameter:
     scale: float
     log: bool = False
     far: tuple[float, ...] = ()
+    spread: float = math.inf
 
     @property
     def strong(self) -> float:
@@ -249,6 +252,7 @@ def ratio(
     low: float = 0.002,
     high: float = 100.0,
     far: Sequence[float] = (),
+    spread: float = math.inf,
 ) -> Parameter:
     """A dimensionless factor whose neutral value is 1; published models are wrong by factors of fifty."""
-    return Parameter(name, "1", 1.0, low, high, tuple(tries), 0.3, log=True, far=tuple(far))
+    return Parameter(name, "1", 1.0, low, high, tuple(tries), 0.3, True, tuple(far), spread)

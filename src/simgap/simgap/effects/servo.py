@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from functools import partial
 
@@ -16,6 +17,9 @@ from simgap.simulation.variant import Variant
 Obj = mujoco.mjtObj
 
 
+STATED = 0.2
+"""Standard deviation of the logarithm of a gain that the map states: a robot's controller computes with it, and what
+stands between is a motor's torque constant, which is off by a tenth or two, not by decades."""
 _FAR = (0.012, 0.05, 0.2, 5.0)
 """Gains in published models are mostly too high: a hobby servo's 998 N m/rad, where it has 11 to 36."""
 
@@ -53,6 +57,13 @@ def pulls_cable(model: mujoco.MjModel, actuator: int) -> bool:
 
 def _rms(context: Context, actuators: Sequence[int]) -> float:
     return float(np.mean(context.scales.input_rms[channels_of(context.plant, actuators)])) or 1.0
+
+
+def _gain(context: Context, actuators: Sequence[int]) -> Parameter:
+    """The factor of some actuators' gain."""
+    stated = context.plant.map.gains
+    known = all(context.model.actuator(a).name in stated for a in actuators)
+    return ratio(tries=(0.5, 0.75, 1.3, 1.7), far=_FAR, spread=STATED if known else math.inf)
 
 
 class ServoDelay(Effect):
@@ -130,10 +141,7 @@ class ServoGain(ByPart):
                 is_servo(context.model, a, 1) and context.model.actuator_biasprm[a, 2] != 0 for a in site.targets
             )
             for form in ("strength", "stiffness") if damped else ("",):
-                values = by_part(
-                    context, site, Obj.mjOBJ_ACTUATOR, lambda _: ratio(tries=(0.5, 0.75, 1.3, 1.7), far=_FAR)
-                )
-                yield cls(site, values, form)
+                yield cls(site, by_part(context, site, Obj.mjOBJ_ACTUATOR, partial(_gain, context)), form)
         measured = [i for i, c in enumerate(context.plant.inputs) if c.measured or c.actuator < 0]
         for i in measured:
             yield cls(Site(_input_name(context.plant, i), (-1 - i,)), [ratio(tries=(0.7, 0.85, 1.15, 1.4))])

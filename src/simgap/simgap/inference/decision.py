@@ -6,7 +6,7 @@ Let E_h be the cost of hypothesis h: minus its held-out log density (`likelihood
 
 Then p(h) is proportional to exp(-E_h / L), averaged over Bayesian bootstraps of blocks of windows (pseudo-BMA+: Yao,
 Vehtari, Simpson, Gelman 2018), so that what a few windows say is not taken for certain. L is the temperature: no law of
-a library is quite what a robot has, and the wrong one may bend a little better; a share LAW_ERROR of what the weakest
+a library is quite what a robot has, and the wrong one may bend a little better; a share `scores.LAW_ERROR` of what the weakest
 effect of the winner earns is counted as one nat, and never less than one.
 """
 
@@ -20,14 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.inference.hypothesis import Fit
-from simgap.inference.model_selection import special_case, surprise
-from simgap.inference.scores import Scored
+from simgap.inference.model_selection import only_larger_group, special_case, surprise
+from simgap.inference.scores import Scored, temperature
 
 Array = NDArray[np.float64]
 
-LAW_ERROR = 0.04
-"""Share of an effect's own gain by which another law may fit better by chance of its form. Two rivals a tenth of the
-gain apart then have odds of twelve to one, where the sealed sets up to seed 45197093 had been decided."""
 SURE = 0.9
 """Probability from which a hypothesis stands alone."""
 _DRAWS = 400
@@ -35,7 +32,9 @@ _DRAWS = 400
 
 @dataclass(frozen=True)
 class Class:
-    """Hypotheses that name the same effects at the same sites, whatever their form, or that a law and its special case.
+    """Hypotheses that are the same answer: the same effects at the same sites, whatever their form.
+
+    Or a law and its special case, or an effect at a part and at a group that adds nothing.
 
     Attributes:
         fits: the likeliest first.
@@ -49,6 +48,10 @@ class Class:
     def names(self) -> frozenset[str]:
         """name@site of its effects; empty for nominal numbers alone."""
         return names(self.fits[0])
+
+    def holds(self, named: frozenset[str]) -> bool:
+        """Whether one of its hypotheses names exactly these effects."""
+        return any(names(fit) == named for fit in self.fits)
 
 
 def names(fit: Fit) -> frozenset[str]:
@@ -75,7 +78,10 @@ def classes(
     kinds = max(len(sites), 1)
     prior = np.array([f.prior + f.hypothesis.size + surprise(f, sites) for f in fits])
     prior += np.log(kinds) * np.array([len(f.hypothesis.effects) for f in fits])
-    weight = probabilities(costs, prior, max(1.0, LAW_ERROR * gain), blocks, seed)
+    heat = temperature(gain)
+    # What somebody has stated is no law's matter: the temperature leaves it as it is.
+    prior += heat * np.array([f.hypothesis.implausible(f.x) for f in fits])
+    weight = probabilities(costs, prior, heat, blocks, seed)
     groups: list[list[int]] = []
     for i in np.argsort(-weight):
         own = next((g for g in groups if _same(fits[g[0]], fits[i])), None)
@@ -101,4 +107,7 @@ def probabilities(costs: Array, prior: Array, temperature: float, blocks: NDArra
 
 
 def _same(one: Fit, two: Fit) -> bool:
-    return names(one) == names(two) or special_case(one, two) or special_case(two, one)
+    """Whether two fits are the same answer."""
+    return names(one) == names(two) or any(
+        special_case(a, b) or only_larger_group(a, b) for a, b in ((one, two), (two, one))
+    )

@@ -62,6 +62,10 @@ class Hypothesis:
         found: Array = (self.scaled(x) - self.scaled(self.vector("neutral"))) * self.vector("scale")
         return found
 
+    def implausible(self, x: Array) -> float:
+        """How far [nats] values are from what somebody has stated of them."""
+        return 0.5 * float(((self.away(x) / self.vector("spread")) ** 2).sum())
+
     def with_effect(self, effect: Effect) -> Hypothesis:
         """With one effect more."""
         return Hypothesis((*self.effects, effect))

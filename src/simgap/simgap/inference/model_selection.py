@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from simgap.effects.base import Effect
 from simgap.effects.link import Late
+from simgap.inference.deviations import NORMAL_90, parameter_deviation
 from simgap.inference.hypothesis import Fit
 from simgap.inference.scores import PER_PARAMETER, Scored, Scores
 
@@ -25,7 +26,7 @@ MORE = 0.3
 """Any further effect must take this share of what the typical window is left with above the noise floor."""
 FURTHER = 0.1
 """Or this share of what the first effect earns: as much as two laws may differ by that are told apart with a
-probability of 0.9 (`decision.LAW_ERROR`). Real robots have several causes, and no law that leaves little."""
+probability of 0.9 (`scores.LAW_ERROR`). Real robots have several causes, and no law that leaves little."""
 _OUT = 3.0
 """Unless it takes so many times what any other effect takes in its place: the misfit of a law has no such favourite."""
 UNEXPLAINED = 2.0
@@ -71,6 +72,29 @@ def special_case(simple: Fit, rich: Fit) -> bool:
 def generalises(law: Effect, special: Effect) -> bool:
     """Whether an effect is that of another at the same site, of whose law its own is more general."""
     return law.special_case == special.name and law.site.name == special.site.name
+
+
+def only_larger_group(small: Fit, large: Fit) -> bool:
+    """Whether a fit differs from another in that one effect acts at more parts, at none of which it shows.
+
+    So friction at the elbow is the same answer as friction at all joints, of which the 90 % intervals of all but the
+    elbow's reach nothing.
+    """
+    one, two = ({e.key: e for e in fit.hypothesis.effects} for fit in (small, large))
+    lost, gained = set(one) - set(two), set(two) - set(one)
+    if not (len(lost) == len(gained) == 1) or not large.covariance.size:
+        return False
+    part, group = one[lost.pop()], two[gained.pop()]
+    parts = group.site.targets
+    if part.name != group.name or not set(part.site.targets) < set(parts) or len(group.parameters) != len(parts):
+        return False
+    position = sum(len(e.parameters) for e in large.hypothesis.effects[: large.hypothesis.effects.index(group)])
+    reach = NORMAL_90 * parameter_deviation(large)
+    return all(
+        abs(float(large.x[number]) - parameter.neutral) <= reach[number]
+        for number, (target, parameter) in enumerate(zip(parts, group.parameters, strict=True), position)
+        if target not in part.site.targets
+    )
 
 
 def _parts(fit: Fit) -> int:

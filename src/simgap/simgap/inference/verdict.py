@@ -76,7 +76,7 @@ class Verdict:
             return 1.0 - self.explained * self.probability
         if self.kind == "ambiguous":
             told = [names(self.best.fit), *(names(f) for f in self.open)]
-            return sum(c.probability for c in self.classes if c.names in told)
+            return sum(c.probability for c in self.classes if any(c.holds(t) for t in told))
         return self.probability
 
 
@@ -88,7 +88,7 @@ def judge(selector: Selector, selection: Selection) -> Verdict:
     pool = [best, *selection.rivals, *selection.singles]
     found = classes(pool, reference, gain, places(selector.effects), blocks, selector.seed)
     verdict = Verdict("no_gap", best, classes=found)
-    verdict.probability = sum(c.probability for c in found if c.names == names(best.fit))
+    verdict.probability = sum(c.probability for c in found if c.holds(names(best.fit)))
     verdict.explained = max(
         _explained(before, after)
         for before, after in (
@@ -291,7 +291,7 @@ def _equivalents(selector: Selector, selection: Selection, verdict: Verdict) -> 
         return []
     alike, reached = [], verdict.probability
     for rival in verdict.classes:
-        if rival.names == mine or not rival.names:
+        if rival.holds(mine) or not rival.names:
             continue
         alike.append(rival)
         response = projected_response(selector.fitter, rival.fits[0], selection.reference.fit)
