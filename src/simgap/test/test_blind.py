@@ -23,6 +23,7 @@ from simgap.blind.cases import SMALL, Case, draw, robot_of
 from simgap.blind.faults import FAULTS, UNKNOWN, Fault, Scale
 from simgap.blind.make import BlindError, make
 from simgap.blind.recordings import simulate, told
+from simgap.blind.reliability import reliability, table
 from simgap.blind.run import experiment_file, read_results, run
 from simgap.blind.score import confusion, judged, metrics, rate, score
 from simgap.blind.settle import settle
@@ -288,6 +289,25 @@ def test_the_score_counts() -> None:
     assert counted["heldout_shrink"]["value"] == pytest.approx(0.9)
     assert counted["unknown_abstention"]["n"] == 0
     assert confusion(rows)["mass"] == {"mass": 1, "inertia (class holds the truth)": 1, "armature": 1, "unknown": 1}
+
+
+def test_reliability_counts_verdicts_by_how_sure_they_were() -> None:
+    single = _answer("single", _MASS)
+
+    def said(sure: float, right: bool) -> dict[str, Any]:
+        told = _said("effect", ("mass", "fore", 0.11) if right else ("armature", "elbow", 1.0))
+        return judged(single, told | {"probabilities": {"effect": sure, "mass@fore": 0.2}})
+
+    rows = [said(0.95, True), said(0.93, True), said(0.91, False), said(1.0, True), said(0.4, False)]
+    rows.append(judged(single, _said("unknown")))
+    bins = {(b["low"], b["high"]): b for b in reliability(rows)}
+    assert sum(b["n"] for b in bins.values()) == 5, "an old result does not say how sure it was"
+    assert bins[0.9, 0.97]["right"] == pytest.approx(2 / 3)
+    assert bins[0.9, 0.97]["said"] == pytest.approx(0.93)
+    assert (bins[0.97, 1.0]["right"], bins[0.97, 1.0]["n"]) == (1.0, 1)
+    assert bins[0.0, 0.5]["right"] == 0.0
+    assert bins[0.5, 0.7]["right"] is None
+    assert len(table(reliability(rows))) == 2 + 3
 
 
 def test_a_case_without_result_counts_as_wrong() -> None:

@@ -20,7 +20,18 @@ from simgap.blind.make import BlindError, read_manifest
 Progress = Callable[[dict[str, Any], int, int], None]
 
 RESULTS = "results.jsonl"
-_KEPT = ("verdict", "reasons", "gap", "effects", "equivalent", "baselines", "warnings", "isolation", "robot")
+_KEPT = (
+    "verdict",
+    "reasons",
+    "gap",
+    "effects",
+    "equivalent",
+    "baselines",
+    "warnings",
+    "isolation",
+    "robot",
+    "probabilities",
+)
 
 
 def results_file(out: Path) -> Path:

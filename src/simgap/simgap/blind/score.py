@@ -16,6 +16,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from simgap.blind.make import BlindError, read_manifest
+from simgap.blind.reliability import reliability, table
 from simgap.blind.run import read_results
 
 Row = dict[str, Any]
@@ -87,6 +88,7 @@ def score(folder: Path, answers: Path, results: Path) -> dict[str, Any]:
         "by_robot": _by(rows, lambda r: r["robot"]),
         "verdicts": {k: dict(Counter(r["verdict"] for r in rows if r["kind"] == k)) for k in _KINDS},
         "confusion": confusion(rows),
+        "reliability": reliability(rows),
         "cases": rows,
     }
 
@@ -149,6 +151,7 @@ def judged(truth: dict[str, Any], found: Row) -> Row:
         "isolated": (found.get("isolation") or {}).get("landlock", False),
         "reasons": found.get("reasons") or [],
         "error": found.get("error"),
+        "sure": (found.get("probabilities") or {}).get(verdict),
     }
     if truth["kind"] in ("single", "pair"):
         held = [_parameter(fault, effects)["covered"] for fault in faults]
@@ -371,6 +374,7 @@ def markdown(scored: dict[str, Any]) -> str:
     ]
     for true, answers in scored["confusion"].items():
         lines.append(f"| {true} | {', '.join(f'{n} × {a}' for a, n in answers.items())} |")
+    lines += ["", "How sure, and how right:", "", *table(scored.get("reliability", []))]
     wrong = [r for r in scored["cases"] if not r["correct"]]
     lines += ["", "What misses:", "", "| case | robot | truth | size | verdict | named |", "|---|---|---|---|---|---|"]
     for r in wrong:

@@ -6,8 +6,8 @@ Let E_h be the cost of hypothesis h: minus its held-out log density (`likelihood
 
 Then p(h) is proportional to exp(-E_h / L), averaged over Bayesian bootstraps of blocks of windows (pseudo-BMA+: Yao,
 Vehtari, Simpson, Gelman 2018), so that what a few windows say is not taken for certain. L is the temperature: no law of
-a library is quite what a robot has, and the wrong one may bend a little better; a share `scores.LAW_ERROR` of what the weakest
-effect of the winner earns is counted as one nat, and never less than one.
+a library is quite what a robot has, and the wrong one may bend a little better; a share `scores.LAW_ERROR` of what the
+weakest effect of the winner earns is counted as one nat, and never less than one.
 """
 
 from __future__ import annotations
