@@ -20,7 +20,7 @@ from simgap.inference.hypothesis import Fit
 from simgap.inference.residual import Residuals
 from simgap.simulation.replay import Replayer
 from simgap.simulation.variant import Variant
-from simgap.simulation.windows import LIGHT, Windows, cut
+from simgap.simulation.windows import Windows, cut, light
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -94,7 +94,7 @@ def propose(
         seen.append((float(np.log1p((spread[..., live] ** 2).mean(axis=1)).sum(axis=-1).min()), experiment, outputs[0]))
     seen.sort(key=lambda s: -s[0])
     gains: list[tuple[float, Experiment]] = []
-    tried = TRIED if plant.model.nv <= LIGHT else TRIED_HEAVY
+    tried = TRIED if light(plant.model) else TRIED_HEAVY
     for i, (_, experiment, outputs) in enumerate(seen[:tried]):
         gain = _expected_gain(fitter, fits, experiment, outputs, seed)
         if gain is not None:

@@ -33,12 +33,12 @@ from simgap.simulation.replay import Replayer
 from simgap.simulation.scales import measure_scales
 from simgap.simulation.state import measured_state
 from simgap.simulation.variant import Variant
-from simgap.simulation.windows import HORIZON, HORIZON_HEAVY, LIGHT, affordable, at_limit, cut, longer
+from simgap.simulation.windows import HORIZON, HORIZON_HEAVY, affordable, at_limit, cut, light, longer
 
 Array = NDArray[np.float64]
 
 HEAVY = Effort(hopeful=20, survivors=5, finalists=3, leaders=1, rounds=1, partners=4, max_effects=2, sought=60)
-"""Of models with more than LIGHT degrees of freedom, which take a hundred times longer to replay than a pendulum."""
+"""Of models that are not `light`, which take a hundred times longer to replay than a pendulum."""
 
 
 @dataclass
@@ -97,20 +97,20 @@ def search(
     check_replay(plant, aligned.outputs[windows.rows()], replayer.run([nominal])[0])
     residuals = Residuals.build(replayer, nominal)
     fitter = Fitter(residuals, nuisances, nominal)
-    effort = options.effort or (HEAVY if plant.model.nv > LIGHT else Effort())
+    effort = options.effort or (Effort() if light(plant.model) else HEAVY)
     near, balanced = borders(plant, aligned, floor), torque_balance.balances(plant, aligned, state)
     spoken = [*torque_balance.hints(balanced), *hints(near)]
     selector = Selector(fitter, effects, options.seed, options.progress, effort, budget, spoken)
     selection = selector.run()
     if not budget.left_out:
-        Chance(selector).reconsider(selection, thorough=plant.model.nv <= LIGHT)
+        Chance(selector).reconsider(selection, thorough=light(plant.model))
     return Search(plant, aligned, floor, fitter, selector, selection, near, balanced, warnings)
 
 
 def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, options: Options) -> Replayer:
     """A replayer of windows as long as this robot lets them be."""
     most = options.max_windows or affordable(plant.model)
-    longest = options.horizon or (HORIZON if plant.model.nv <= LIGHT else HORIZON_HEAVY)
+    longest = options.horizon or (HORIZON if light(plant.model) else HORIZON_HEAVY)
     avoided = at_limit(aligned, floor)
     made = Replayer(plant, aligned, cut(aligned, longest, options.warm_up, most, avoided), floor, options.threads)
     horizon = usable_horizon(made, nominal)

@@ -13,7 +13,7 @@ from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Hypothesis
 from simgap.inference.scores import Scored
 from simgap.inference.select import Selector
-from simgap.simulation.windows import LIGHT
+from simgap.simulation.windows import light
 
 Array = NDArray[np.float64]
 
@@ -30,8 +30,7 @@ def fit_everything(fitter: Fitter, iterations: int | None = None, seed: int = 0)
 
     No effects, no priors, white residuals: what a user gets who frees every number of the model.
     """
-    light = fitter.residuals.replayer.plant.model.nv <= LIGHT
-    iterations = iterations or (_ROUNDS if light else _ROUNDS_HEAVY)
+    iterations = iterations or (_ROUNDS if light(fitter.residuals.replayer.plant.model) else _ROUNDS_HEAVY)
     fold, recorded = fitter.windows.fold, fitter.recorded.any(axis=1)
     held = int(fold[recorded & (fold >= 0)].min())
     train, test = np.flatnonzero(recorded & (fold != held)), np.flatnonzero(recorded & (fold == held))

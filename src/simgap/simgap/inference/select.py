@@ -47,6 +47,9 @@ further effect is looked for."""
 
 _FAR_BEHIND = 5.0
 """Times what a further effect must earn [nats] by which, in sample, a set without one of its effects is hopeless."""
+_BEHIND = 0.7
+"""Share of what the causes earn that single parts speak for together: of a single effect that earns less, no search
+begins. Where the truth is one effect, it earns about all of it."""
 REPEATED = 1.0
 """[noise floors] With no more left than that in any channel, nominal numbers predict the robot as well as repeating the
 experiment does, and no effect is looked for: what is finer than the noise shows in how it was estimated."""
@@ -201,6 +204,10 @@ class Selector:
         winner = simplest(self.scores, singles, reference, self._sites)
         if self.scores.worst_channel(reference.fit.held) <= REPEATED:
             return result
+        if winner is not None and begun is not None and self._outdone(winner, begun, reference):
+            self._keep(begun)
+            gain = self.scores.difference(reference.fit, winner.fit)
+            return replace(result, best=winner, rivals=singles, gains=[gain])
         if winner is not None and earns(self.scores, reference, winner, len(self.effects)):
             singles, winner = self._followed(singles, winner, reference)
             winner = self._restarted(winner)
@@ -214,6 +221,11 @@ class Selector:
             if result.best is reference and self.scores.typical(reference.fit.held) > UNEXPLAINED:
                 result = self._only_together(result, screened)
         return result
+
+    @staticmethod
+    def _outdone(winner: Scored, begun: Selection, reference: Scored) -> bool:
+        """Whether a single effect is so far behind what was begun with that building on it would find it again."""
+        return reference.score - winner.score < _BEHIND * (reference.score - begun.best.score)
 
     def _forward(
         self, result: Selection, singles: list[Scored], first: Scored, screened: Sequence[Screened]

@@ -31,7 +31,7 @@ from simgap.simulation.horizon import usable_horizon
 from simgap.simulation.replay import Replayer
 from simgap.simulation.scales import measure_scales
 from simgap.simulation.variant import Variant
-from simgap.simulation.windows import HORIZON, HORIZON_HEAVY, LIGHT, WARM_UP, affordable, at_limit, cut
+from simgap.simulation.windows import HORIZON, HORIZON_HEAVY, WARM_UP, affordable, at_limit, cut, light
 
 Array = NDArray[np.float64]
 Values = tuple[float, ...]
@@ -188,7 +188,7 @@ def _windows(
     plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, threads: int | None
 ) -> tuple[Replayer, int] | None:
     """A replayer of a few windows like the diagnosis's, and how many that has; None where they are too few."""
-    most, longest = affordable(plant.model), HORIZON if plant.model.nv <= LIGHT else HORIZON_HEAVY
+    most, longest = affordable(plant.model), HORIZON if light(plant.model) else HORIZON_HEAVY
     avoided = at_limit(aligned, floor)
     try:
         made = Replayer(plant, aligned, cut(aligned, longest, WARM_UP, _MOST, avoided), floor, threads)

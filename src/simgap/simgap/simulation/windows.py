@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from simgap.data.align import Aligned
 from simgap.data.errors import GapInputError
+from simgap.simulation.contacts import colliding
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -18,7 +19,7 @@ Ints = NDArray[np.int64]
 HORIZON = 0.6
 """[s] of free run: long enough for a delay, a dead band or friction to show, short enough for chaos not to."""
 HORIZON_HEAVY = 0.3
-"""[s] of free run of models with more than LIGHT degrees of freedom: as much shows in half of it, at half the price."""
+"""[s] of free run of models that are not `light`: as much shows in half of it, at half the price."""
 WARM_UP = 0.15
 """[s] before it in which the model is held to the measurement, so that what is not measured can settle."""
 HORIZONS_LONG = (2.4, 1.2)
@@ -41,8 +42,9 @@ MAX_WINDOWS = 60
 """More are thinned out by whole blocks: 36 s of scored motion say what a long recording has to say."""
 MIN_WINDOWS = 24
 """What a slow model gets at least."""
-LIGHT = 8
-"""Degrees of freedom up to which a model gets all of them."""
+LIGHT, LIGHT_IN_THE_AIR = 8, 12
+"""Degrees of freedom up to which a model gets all of them; the second where nothing touches anything, which makes
+replays cheap."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,11 @@ def covering(aligned: Aligned, horizons: Sequence[float], warm_up: float = WARM_
         return horizon * sum(int((r.stop - r.start) * aligned.period / (horizon + warm_up)) for r in aligned.runs)
 
     return next((h for h in horizons if seconds(h) >= _COVERED * seconds(HORIZON)), None)
+
+
+def light(model: mujoco.MjModel) -> bool:
+    """Whether a model is replayed so fast that nothing has to be saved."""
+    return bool(model.nv <= (LIGHT if colliding(model)[0] else LIGHT_IN_THE_AIR))
 
 
 def affordable(model: mujoco.MjModel) -> int:
