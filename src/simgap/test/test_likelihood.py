@@ -12,7 +12,7 @@ from robots import aligned_of, simulate
 
 from simgap.effects.base import Context
 from simgap.effects.library import enumerate_effects
-from simgap.inference.decision import Class, probabilities
+from simgap.inference.decision import Class, by_block, probabilities
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.likelihood import TAIL, Likelihood
@@ -101,18 +101,19 @@ def test_what_is_not_recorded_costs_nothing() -> None:
 def test_probabilities_follow_held_out_costs_their_doubt_and_the_temperature() -> None:
     rng = np.random.default_rng(1)
     base = rng.uniform(1.0, 3.0, 30)
-    costs, blocks = np.array([base, base + 0.4, base + 3.0]), np.arange(30) // 3
-    sure = probabilities(costs, np.zeros(3), 1.0, blocks)
+    blocks = np.arange(30) // 3
+    costs = by_block(np.array([base, base + 0.4, base + 3.0]), blocks)
+    sure = probabilities(costs, np.zeros(3), 1.0)
     assert sure.sum() == pytest.approx(1.0)
     assert sure[0] > 0.99
-    assert probabilities(costs, np.zeros(3), 12.0, blocks)[1] > 0.2
+    assert probabilities(costs, np.zeros(3), 12.0)[1] > 0.2
     # The same lead from one block alone is less certain.
     lone = np.array([base, base])
     lone[1, :3] += 4.0
-    assert 0.5 < probabilities(lone, np.zeros(2), 1.0, blocks)[0] < 0.999
+    assert 0.5 < probabilities(by_block(lone, blocks), np.zeros(2), 1.0)[0] < 0.999
     # What is dearer beforehand has to be better by that.
     np.testing.assert_allclose(
-        probabilities(np.array([base, base]), np.array([0.0, np.log(3)]), 1.0, blocks), [0.75, 0.25]
+        probabilities(by_block(np.array([base, base]), blocks), np.array([0.0, np.log(3)]), 1.0), [0.75, 0.25]
     )
 
 

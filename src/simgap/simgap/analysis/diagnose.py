@@ -31,6 +31,7 @@ from simgap.data.plant import Plant
 from simgap.data.recording import Recording
 from simgap.inference.baselines import best_in_sample, fit_everything
 from simgap.inference.budget import Budget
+from simgap.inference.decision import names
 from simgap.inference.deviations import NORMAL_90, parameter_deviation
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
@@ -166,6 +167,7 @@ def _report(
         "verdict": verdict.kind,
         "reasons": verdict.reasons,
         "probabilities": _probabilities(verdict),
+        "evidence": _evidence(verdict),
         "gap": _gap(selector, selection, fitter.mean_square(nominal)),
         "where": locate(residuals, nominal, options.phases),
         "left": locate(residuals, best.fit.residual, options.phases),
@@ -208,6 +210,13 @@ def _probabilities(verdict: Verdict) -> dict[str, float]:
     """Of the verdict, and of every set of causes that was kept."""
     sets = {" + ".join(sorted(c.names)) or "nominal numbers": c.probability for c in verdict.classes}
     return {verdict.kind: verdict.sure, **{key: p for key, p in sets.items() if p > 1e-4}}
+
+
+def _evidence(verdict: Verdict) -> dict[str, Any] | None:
+    """What the probabilities rest on, with the effects that each answer names."""
+    if verdict.evidence is None:
+        return None
+    return verdict.evidence.told() | {"effects": [[sorted(names(f)) for f in c.fits] for c in verdict.classes]}
 
 
 def _model_name(plant: Plant) -> str:

@@ -139,6 +139,36 @@ def score_command(
     _print(scored)
 
 
+@blind_app.command("calibrate")
+def calibrate_command(
+    folder: Annotated[Path, typer.Argument(help="Folder of `make --out`.")],
+    answers: Annotated[Path, typer.Argument(help="Folder of the sealed answers.")],
+    results: Annotated[Path, typer.Argument(help="Folder of `diagnose --out --keep`.")],
+    json_: Annotated[Path | None, typer.Option("--json", help="File for the whole grid.")] = None,
+) -> None:
+    """Say which numbers of the decision (inference/calibrated.yaml) would give the truth the highest probability.
+
+    A check that was used for this is no check of the result any more: make another one.
+
+    \b
+    Example:
+      simgap blind calibrate check sealed/check results
+    """
+    from simgap.blind.calibrate import propose, read
+
+    with _refusals():
+        found = propose(read(folder, answers, results))
+    if json_:
+        json_.parent.mkdir(parents=True, exist_ok=True)
+        json_.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    used, best = found["in_use"], found["best"]
+    typer.echo(f"{found['cases']} cases; mean log score {used['log_score']:.3f} with the numbers in use")
+    typer.echo(
+        f"law_error {best['law_error']:g}, sparsity {best['sparsity']:g}: {best['log_score']:.3f}, better by "
+        f"{best['gain']:.3f} (standard error {best['standard_error']:.3f})"
+    )
+
+
 @blind_app.command("settle")
 def settle_command(
     folder: Annotated[Path, typer.Argument(help="Folder of `make --out`.")],

@@ -14,19 +14,24 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.inference.calibrated import calibrated
 from simgap.inference.hypothesis import Fit
 from simgap.inference.model_selection import only_larger_group, special_case, surprise
-from simgap.inference.scores import Scored, temperature
+from simgap.inference.scores import LAW_ERROR, Scored, temperature
 
 Array = NDArray[np.float64]
 
 SURE = 0.9
 """Probability from which a hypothesis stands alone."""
+SPARSITY = calibrated().sparsity
+"""How much the number, kinds and places of effects count: 1 where all kinds are equally likely, each wherever it can
+act."""
 _DRAWS = 400
 
 
@@ -59,10 +64,56 @@ def names(fit: Fit) -> frozenset[str]:
     return frozenset(e.key for e in fit.hypothesis.effects)
 
 
+@dataclass(frozen=True)
+class Evidence:
+    """What the probabilities are computed from: all of it is told, so that others can weigh it anew.
+
+    Attributes:
+        answers: (nh,) number of the class that a hypothesis belongs to.
+        costs: (nh, nb) held-out cost of each block of windows [nats].
+        prior: (nh,) cost of nominal numbers and parameters [nats].
+        kinds: (nh,) cost of the effects' number, kinds and places [nats].
+        stated: (nh,) cost of being far from what somebody has stated [nats].
+        gain: what the weakest effect of the winner earns [nats].
+    """
+
+    answers: NDArray[np.int64]
+    costs: Array
+    prior: Array
+    kinds: Array
+    stated: Array
+    gain: float
+
+    def weights(self, law_error: float = LAW_ERROR, sparsity: float = SPARSITY, seed: int = 0) -> Array:
+        """Probability (nh,) of each hypothesis."""
+        heat = temperature(self.gain, law_error)
+        # What somebody has stated is no law's matter: the temperature leaves it as it is.
+        prior = self.prior + sparsity * self.kinds + heat * self.stated
+        return probabilities(self.costs, prior, heat, seed)
+
+    def told(self) -> dict[str, Any]:
+        """``evidence`` of the report."""
+        return {
+            "answers": self.answers.tolist(),
+            "costs": np.round(self.costs - self.costs.min(axis=0), 3).tolist(),
+            "prior": np.round(self.prior, 3).tolist(),
+            "kinds": np.round(self.kinds, 3).tolist(),
+            "stated": np.round(self.stated, 3).tolist(),
+            "gain": float(self.gain),
+            "unit": "nats",
+        }
+
+    @classmethod
+    def of(cls, told: dict[str, Any]) -> Evidence:
+        """From a report."""
+        costs, prior, kinds, stated = (np.array(told[k], float) for k in ("costs", "prior", "kinds", "stated"))
+        return cls(np.array(told["answers"], np.int64), costs, prior, kinds, stated, float(told["gain"]))
+
+
 def classes(
     pool: Sequence[Scored], reference: Scored, gain: float, sites: Counter[str], blocks: NDArray[np.int64], seed: int
-) -> list[Class]:
-    """Hypotheses of a pool in classes, the likeliest first.
+) -> tuple[list[Class], Evidence]:
+    """Hypotheses of a pool in classes, the likeliest first, and what their probabilities rest on.
 
     Args:
         pool: what was fitted, the winner of the search first; the same hypothesis may come twice.
@@ -75,13 +126,16 @@ def classes(
     fits = list({s.fit.hypothesis.key: s.fit for s in [*reversed(pool), reference, pool[0]]}.values())
     fits = [f for f in fits if (f.likelihood is None) == (pool[0].fit.likelihood is None)]
     costs = np.array([f.held_cost if f.likelihood is None else f.likelihood for f in fits])
-    kinds = max(len(sites), 1)
-    prior = np.array([f.prior + f.hypothesis.size + surprise(f, sites) for f in fits])
-    prior += np.log(kinds) * np.array([len(f.hypothesis.effects) for f in fits])
-    heat = temperature(gain)
-    # What somebody has stated is no law's matter: the temperature leaves it as it is.
-    prior += heat * np.array([f.hypothesis.implausible(f.x) for f in fits])
-    weight = probabilities(costs, prior, heat, blocks, seed)
+    number = np.array([len(f.hypothesis.effects) for f in fits])
+    evidence = Evidence(
+        np.zeros(len(fits), np.int64),
+        by_block(costs, blocks),
+        np.array([f.prior + f.hypothesis.size for f in fits]),
+        np.array([surprise(f, sites) for f in fits]) + np.log(max(len(sites), 1)) * number,
+        np.array([f.hypothesis.implausible(f.x) for f in fits]),
+        gain,
+    )
+    weight = evidence.weights(seed=seed)
     groups: list[list[int]] = []
     for i in np.argsort(-weight):
         own = next((g for g in groups if _same(fits[g[0]], fits[i])), None)
@@ -89,18 +143,27 @@ def classes(
             groups.append([int(i)])
         else:
             own.append(int(i))
+    groups.sort(key=lambda g: -float(weight[g].sum()))
+    answers = np.zeros(len(fits), np.int64)
+    for k, group in enumerate(groups):
+        answers[group] = k
     found = [Class(tuple(fits[i] for i in g), float(weight[g].sum())) for g in groups]
-    return sorted(found, key=lambda c: -c.probability)
+    return found, replace(evidence, answers=answers)
 
 
-def probabilities(costs: Array, prior: Array, temperature: float, blocks: NDArray[np.int64], seed: int = 0) -> Array:
-    """Probability (nh,) of hypotheses from held-out costs (nh, nw) of windows and prior costs (nh,), both [nats]."""
+def by_block(costs: Array, blocks: NDArray[np.int64]) -> Array:
+    """Costs (nh, nb) of blocks from those (nh, nw) of windows; of the windows that all were scored in."""
     held = np.isfinite(costs).all(axis=0)
     number = np.unique(blocks[held], return_inverse=True)[1]
     count = int(number.max(initial=0)) + 1
-    by_block = np.stack([np.bincount(number, row[held], minlength=count) for row in costs])
+    return np.stack([np.bincount(number, row[held], minlength=count) for row in costs])
+
+
+def probabilities(costs: Array, prior: Array, temperature: float, seed: int = 0) -> Array:
+    """Probability (nh,) of hypotheses from held-out costs (nh, nb) of blocks and prior costs (nh,), both [nats]."""
+    count = costs.shape[1]
     draws = count * np.random.default_rng(seed).dirichlet(np.ones(count), _DRAWS)
-    energy = (by_block @ draws.T + prior[:, None]) / temperature
+    energy = (costs @ draws.T + prior[:, None]) / temperature
     weight = np.exp(energy.min(axis=0) - energy)
     mean: Array = (weight / weight.sum(axis=0)).mean(axis=1)
     return mean

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.inference.calibrated import calibrated
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit
 
@@ -16,16 +17,15 @@ Array = NDArray[np.float64]
 BOOTSTRAPS = 400
 DIFFERENT, _FEW = 0.5, 2
 """[nats] by which two hypotheses differ in a block, at least; blocks that are needed for an interval."""
-LAW_ERROR = 0.04
-"""Share of an effect's own gain by which another law may fit better by chance of its form. Two rivals a tenth of the
-gain apart then have odds of twelve to one, where the sealed sets up to seed 45197093 had been decided."""
+LAW_ERROR = calibrated().law_error
+"""Share of an effect's own gain by which another law may fit better by chance of its form."""
 PER_PARAMETER = 1.0
 """Price of a parameter [nats], beyond what held-out scoring takes by itself."""
 
 
-def temperature(gain: float) -> float:
+def temperature(gain: float, law_error: float = LAW_ERROR) -> float:
     """How many nats count as one, of what an effect gains by its law."""
-    return max(1.0, LAW_ERROR * gain) if math.isfinite(gain) else 1.0
+    return max(1.0, law_error * gain) if math.isfinite(gain) else 1.0
 
 
 @dataclass(eq=False)

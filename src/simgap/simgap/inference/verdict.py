@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.inference.decision import SURE, Class, classes, names
+from simgap.inference.decision import SURE, Class, Evidence, classes, names
 from simgap.inference.hypothesis import Fit
 from simgap.inference.model_selection import UNEXPLAINED, places
 from simgap.inference.nuisance import BOX
@@ -50,6 +50,7 @@ class Verdict:
         probability: that the causes named are those, and no others that were looked at.
         explained: share (0 to 1) of the gap above the noise floor that recalibration and the named causes explain.
         classes: hypotheses that name the same causes, with their probabilities, the likeliest first.
+        evidence: what the probabilities rest on.
         equivalent: classes of effects (name@site) that the data cannot tell apart.
         angles: {pair: angle [deg]} between what rivals change, nuisances taken out.
         open: fits between which the next experiment should decide, the winner first.
@@ -60,6 +61,7 @@ class Verdict:
     probability: float = 0.0
     explained: float = 0.0
     classes: list[Class] = field(default_factory=list)
+    evidence: Evidence | None = None
     reasons: list[str] = field(default_factory=list)
     equivalent: list[list[str]] = field(default_factory=list)
     angles: dict[str, float] = field(default_factory=dict)
@@ -86,8 +88,8 @@ def judge(selector: Selector, selection: Selection) -> Verdict:
     gain = min((g for g, _, _ in selection.gains), default=0.0)
     blocks = selector.fitter.windows.block
     pool = [best, *selection.rivals, *selection.singles]
-    found = classes(pool, reference, gain, places(selector.effects), blocks, selector.seed)
-    verdict = Verdict("no_gap", best, classes=found)
+    found, evidence = classes(pool, reference, gain, places(selector.effects), blocks, selector.seed)
+    verdict = Verdict("no_gap", best, classes=found, evidence=evidence)
     verdict.probability = sum(c.probability for c in found if c.holds(names(best.fit)))
     verdict.explained = max(
         _explained(before, after)
