@@ -15,7 +15,6 @@ setup(
     python_requires=">=3.11",
     install_requires=[
         "jinja2>=3.0",
-        "matplotlib>=3.7",
         "mujoco-core>=4.0",  # MuJoCo without viewer and renderer, which `mujoco` brings along
         "numpy>=1.26",
         "pint>=0.24",
