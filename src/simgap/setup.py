@@ -26,6 +26,7 @@ setup(
     ],
     extras_require={
         "bags": ["mcap>=1.1", "rosbags>=0.10"],
+        "dask": ["distributed>=2024.8"],
         "parquet": ["pyarrow>=16"],
         "test": ["hypothesis", "pytest", "pytest-timeout", "mcap>=1.1", "pyarrow>=16", "rosbags>=0.10"],
     },

@@ -12,7 +12,20 @@ import typer
 
 import simgap
 from simgap.blind.cli import blind_app
-from simgap.console import HELP, called, fail, guarded, print_diagnosis, progress, refusals, silence, write_diagnosis
+from simgap.console import (
+    HELP,
+    called,
+    fail,
+    guarded,
+    print_diagnosis,
+    print_each,
+    progress,
+    refusals,
+    silence,
+    write_diagnosis,
+)
+from simgap.execution.executors import HELP as EXECUTOR
+from simgap.execution.executors import PROCESSES
 
 app = typer.Typer(
     name="simgap",
@@ -59,6 +72,13 @@ def diagnose_command(
         list[Path] | None,
         typer.Option(help="A recording of the same robot when it was well (may be repeated): what has changed since?"),
     ] = None,
+    each: Annotated[
+        bool, typer.Option("--each", help="Each recording by itself, in a folder of OUT that has its name.")
+    ] = False,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="With --each: processes; by default one a processor.")
+    ] = None,
+    executor: Annotated[str, typer.Option(help=f"With --each. {EXECUTOR}")] = PROCESSES,
 ) -> None:
     """Say where the gap of a recording lies, which effect causes it, and how far the effect shrinks it.
 
@@ -66,25 +86,35 @@ def diagnose_command(
     Examples:
       simgap diagnose log.csv --model robot.xml --map map.yaml --out diagnosis
       simgap diagnose today.csv --reference yesterday.csv --model robot.xml --map map.yaml
+      simgap diagnose run*.csv --each --model robot.xml --map map.yaml --out runs
     """
+    if not each and (executor != PROCESSES or workers is not None):
+        fail("--executor and --workers need --each: one diagnosis uses the processors of this machine by itself", 2)
     with refusals():
-        from simgap.analysis.diagnose import diagnose
-        from simgap.analysis.options import Options
-        from simgap.data.mapping import load_map
-        from simgap.data.plant import build_plant, load_spec
-        from simgap.data.recording import load_recording
-        from simgap.effects.library import load_effects
-        from simgap.preparation.check import check
+        from simgap.many import Wanted, diagnose_each, diagnose_files
 
-        extra = tuple(c for path in effects or () for c in load_effects(path))
-        plant = build_plant(load_spec(model), load_map(map_))
+        wanted = Wanted(
+            tuple(recordings),
+            model,
+            map_,
+            tuple(effects or ()),
+            tuple(only or ()),
+            seed,
+            baselines,
+            budget,
+            tuple(reference or ()),
+            command=called(["simgap"], "diagnose"),
+        )
+        if each:
+            folder, rows = out or Path("diagnosis"), []
+            with progress("recordings") as say:
+                for row in diagnose_each(wanted, folder, workers, executor):
+                    rows.append(row)
+                    say("recordings", len(rows) / len(recordings))
+            print_each(rows, json_ or folder / "summary.json", wanted.command)
+            return
         with silence() as terminal, progress("align", terminal) as say:
-            read = [load_recording(r, plant) for r in recordings]
-            seen = check(read, plant)
-            well = [load_recording(r, plant) for r in reference or ()]
-            options = Options(seed, None, extra, {}, baselines, tuple(only or ()), say, budget=budget, reference=well)
-            found = diagnose(read, plant, options)
-        found.report |= {"command": called(["simgap"], "diagnose"), "data": seen.report()}
+            found = diagnose_files(wanted, say)
         written = write_diagnosis(found, out or (None if json_ else Path("diagnosis")), json_)
     print_diagnosis(found, written)
 
