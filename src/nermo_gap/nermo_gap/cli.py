@@ -144,7 +144,7 @@ def apply_command(
     if model is not None:
         if robot is not None:
             fail("--robot is a mouse, --model the MJCF of another robot; give one of them", 2)
-        simgap.cli.apply_command(diagnosis, model, out, wrapper, randomise)
+        simgap.cli.apply_command(diagnosis, out, model, wrapper, randomise)
         return
     if out.suffix == ".xml":
         fail("--out: a corrected model (.xml) needs --model, the MJCF that was diagnosed", 2)

@@ -22,6 +22,7 @@ from simgap.console import (
     progress,
     refusals,
     silence,
+    warn_of_guess,
     write_diagnosis,
 )
 from simgap.execution.executors import HELP as EXECUTOR
@@ -122,23 +123,36 @@ def diagnose_command(
 @app.command("apply")
 def apply_command(
     diagnosis: Annotated[Path, typer.Argument(help="The diagnosis.json of `simgap diagnose`.")],
-    model: Annotated[Path, typer.Option(help="The model that was diagnosed, an MJCF.")],
-    out: Annotated[Path, typer.Option(help="The corrected model (.xml) to write.")],
+    out: Annotated[Path, typer.Option(help="The corrected model (.xml), or URDF, to write.")],
+    model: Annotated[Path | None, typer.Option(help="The model that was diagnosed, an MJCF.")] = None,
     wrapper: Annotated[
         Path | None, typer.Option(help="Python file for what no MJCF can say; by default OUT_signals.py.")
     ] = None,
     randomise: Annotated[
         Path | None, typer.Option(help="YAML file for the intervals, as ranges for domain randomisation.")
     ] = None,
+    urdf: Annotated[
+        Path | None, typer.Option(help="In place of --model: the robot's URDF, which gets the numbers that it knows.")
+    ] = None,
 ) -> None:
     """Write what a diagnosis has found into the model, and what no model can say into a small Python file.
 
     \b
-    Example:
+    Examples:
       simgap apply diagnosis/diagnosis.json --model robot.xml --out robot_corrected.xml --randomise ranges.yaml
+      simgap apply diagnosis/diagnosis.json --urdf robot.urdf --out robot_corrected.urdf
     """
-    if out.resolve() == model.resolve():
+    source = model or urdf
+    if source is None or (model is not None and urdf is not None):
+        fail("give --model MODEL.xml, the MJCF that was diagnosed, or --urdf ROBOT.urdf", 2)
+    if out.resolve() == source.resolve():
         fail(f"--out: {out} is the model itself; choose another name", 2)
+    if urdf is not None:
+        if wrapper is not None or randomise is not None:
+            fail("--wrapper and --randomise need --model: they are for MuJoCo", 2)
+        _apply_urdf(diagnosis, urdf, out)
+        return
+    assert model is not None
     with refusals():
         from simgap.correction.apply import apply, read_diagnosis
         from simgap.correction.changes import Correction
@@ -149,8 +163,7 @@ def apply_command(
         if randomise is not None:
             found = Correction.of(report["correction"])
             write_ranges(randomise, found.changes, found.signals, str(diagnosis))
-    if report["verdict"] in ("ambiguous", "unknown"):
-        typer.echo(f"warning: the verdict was {report['verdict']}; what is written is its best guess", err=True)
+    warn_of_guess(report["verdict"])
     for change in applied.written:
         typer.echo(change.sentence)
     for signal in applied.wrapped:
@@ -162,6 +175,22 @@ def apply_command(
     for path in (randomise, applied.wrapper, out):
         if path is not None:
             typer.echo(path)
+
+
+def _apply_urdf(diagnosis: Path, urdf: Path, out: Path) -> None:
+    with refusals():
+        from simgap.correction.apply import read_diagnosis
+        from simgap.correction.changes import Correction
+        from simgap.correction.urdf import write_urdf
+
+        report = read_diagnosis(diagnosis)
+        applied = write_urdf(urdf, Correction.of(report["correction"]), out)
+    warn_of_guess(report["verdict"])
+    for change in applied.written:
+        typer.echo(change.sentence)
+    for note in applied.notes:
+        typer.echo(f"not written: {note}", err=True)
+    typer.echo(out)
 
 
 @app.command("effects")

@@ -92,6 +92,12 @@ def fail(message: str, status: int) -> NoReturn:
     raise typer.Exit(status)
 
 
+def warn_of_guess(verdict: str) -> None:
+    """Say so on stderr where what is applied is not settled."""
+    if verdict in ("ambiguous", "unknown"):
+        typer.echo(f"warning: the verdict was {verdict}; what is written is its best guess", err=True)
+
+
 @contextlib.contextmanager
 def refusals() -> Iterator[None]:
     """Input that cannot be used ends the command with its sentence and status 2."""
