@@ -15,7 +15,6 @@ setup(
     python_requires=">=3.11",
     install_requires=[
         "jinja2>=3.0",
-        "matplotlib>=3.7",
         "mujoco-core>=4.0",  # MuJoCo without viewer and renderer, which `mujoco` brings along
         "numpy>=1.26",
         "pint>=0.24",
@@ -27,6 +26,7 @@ setup(
     ],
     extras_require={
         "bags": ["mcap>=1.1", "rosbags>=0.10"],
+        "dask": ["distributed>=2024.8"],
         "parquet": ["pyarrow>=16"],
         "test": ["hypothesis", "pytest", "pytest-timeout", "mcap>=1.1", "pyarrow>=16", "rosbags>=0.10"],
     },

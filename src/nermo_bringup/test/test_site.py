@@ -45,6 +45,7 @@ def zensical(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _copy(folder: Path) -> Path:
     shutil.copy(ROOT / "zensical.toml", folder)
     shutil.copytree(ROOT / "docs", folder / "docs")
+    shutil.copytree(ROOT / "src/simgap/simgap", folder / "src/simgap/simgap", ignore=shutil.ignore_patterns("*.pyc"))
     return folder
 
 
@@ -54,6 +55,21 @@ def test_the_site_builds_strictly(zensical: Path, tmp_path: Path) -> None:
     assert built.returncode == 0, built.stdout + built.stderr
     page = (tmp_path / "site" / "tutorial" / "index.html").read_text(encoding="utf-8")
     assert "From your log to a cause in 15 minutes" in page and 'href="../simgap/monitor/"' in page
+    reference = (tmp_path / "site" / "api" / "analysis" / "index.html").read_text(encoding="utf-8")
+    assert 'id="simgap.analysis.diagnose.diagnose"' in reference and "_report(" not in reference
+
+
+def test_every_public_module_of_simgap_is_in_the_reference_once() -> None:
+    source = ROOT / "src/simgap/simgap"
+    modules = [p.relative_to(source.parent).with_suffix("") for p in source.rglob("*.py") if not p.stem.startswith("_")]
+    named = [
+        name
+        for page in (ROOT / "docs/api").glob("*.md")
+        for name in re.findall(r"^::: (\S+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    ]
+    missing, gone = {".".join(m.parts) for m in modules} - set(named), set(named) - {".".join(m.parts) for m in modules}
+    assert not missing and not gone, f"docs/api: lacks {sorted(missing)}, and has {sorted(gone)} that are not there"
+    assert len(named) == len(set(named))
 
 
 @pytest.mark.timeout(600)

@@ -12,6 +12,8 @@ import typer
 import simgap.cli
 from simgap.blind.cli import blind_app
 from simgap.console import HELP, called, fail, print_diagnosis, progress, refusals, silence, write_diagnosis
+from simgap.execution.executors import HELP as EXECUTOR
+from simgap.execution.executors import PROCESSES
 
 # What does the work takes seconds to import, and help is asked for often: commands import it when they run.
 
@@ -142,7 +144,7 @@ def apply_command(
     if model is not None:
         if robot is not None:
             fail("--robot is a mouse, --model the MJCF of another robot; give one of them", 2)
-        simgap.cli.apply_command(diagnosis, model, out, wrapper, randomise)
+        simgap.cli.apply_command(diagnosis, out, model, wrapper, randomise)
         return
     if out.suffix == ".xml":
         fail("--out: a corrected model (.xml) needs --model, the MJCF that was diagnosed", 2)
@@ -180,6 +182,7 @@ def explain_command(
     only: Annotated[list[str] | None, typer.Option(help="Look at this effect only, name@site (repeat).")] = None,
     effects: Annotated[int, typer.Option(min=1, max=3, help="Largest number of effects at once.")] = 2,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; by default one a processor.")] = None,
+    executor: Annotated[str, typer.Option(help=EXECUTOR)] = PROCESSES,
 ) -> None:
     """Say which effects reproduce a table of published results: speeds, ratios, arc times, lifts.
 
@@ -193,7 +196,13 @@ def explain_command(
 
         with progress("experiments") as say:
             report = explain_file(
-                summary, out, only or [], effects, workers, lambda stage, done, total: say(stage, done / max(total, 1))
+                summary,
+                out,
+                only or [],
+                effects,
+                workers,
+                lambda stage, done, total: say(stage, done / max(total, 1)),
+                executor,
             )
     report["command"] = called(_PROGRAM, "explain")
     if json_ is not None:

@@ -10,7 +10,8 @@ from typing import Annotated
 import typer
 
 from nermo_description.results import CommandError
-from nermo_sim.batch import processors
+from simgap.execution.executors import HELP as EXECUTOR
+from simgap.execution.executors import processors
 
 Robot = Annotated[str, typer.Option(help="Name of a robot, or path of its parameter file.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
@@ -20,9 +21,7 @@ Workers = Annotated[int | None, typer.Option(min=1, help="Processes; one a proce
 Out = Annotated[
     Path, typer.Option(help="Folder for finished runs, pictures and the report; each experiment has one in it.")
 ]
-Executor = Annotated[
-    str, typer.Option(help="processes, dask://local, or dask://HOST:PORT of a scheduler (pip install distributed).")
-]
+Executor = Annotated[str, typer.Option(help=EXECUTOR)]
 RESULTS = Path("results")
 
 

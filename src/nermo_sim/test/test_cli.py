@@ -13,7 +13,6 @@ import typer
 from typer.testing import CliRunner
 
 from nermo_description.results import CommandError
-from nermo_sim.batch import run_batch
 from nermo_sim.bench.cli import BENCHES, bench_app, run_bench
 from nermo_sim.bench.loop import BenchSettings, bench_loop, bench_tick
 from nermo_sim.experiments import suite
@@ -21,6 +20,7 @@ from nermo_sim.experiments.cli import experiment_app, offer
 from nermo_sim.experiments.experiment import Experiment, Outcome, Repeats
 from nermo_sim.experiments.registry import EXPERIMENTS
 from nermo_sim.experiments.runs import Job, Result, Settings
+from simgap.execution.batch import run_batch
 
 
 def test_bench_tick_and_loop_measure_what_they_say() -> None:

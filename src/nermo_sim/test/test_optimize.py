@@ -137,7 +137,7 @@ def test_any_executor_will_do_and_nothing_is_run_twice(tmp_path: Path) -> None:
 
 
 def test_unknown_executors_are_wrong_usage() -> None:
-    with pytest.raises(CommandError, match="dask://local") as caught, open_executor("cluster", 2):
+    with pytest.raises(CommandError, match="dask:local") as caught, open_executor("cluster", 2):
         pass
     assert caught.value.status == 2
 

@@ -12,7 +12,21 @@ import typer
 
 import simgap
 from simgap.blind.cli import blind_app
-from simgap.console import HELP, called, fail, guarded, print_diagnosis, progress, refusals, silence, write_diagnosis
+from simgap.console import (
+    HELP,
+    called,
+    fail,
+    guarded,
+    print_diagnosis,
+    print_each,
+    progress,
+    refusals,
+    silence,
+    warn_of_guess,
+    write_diagnosis,
+)
+from simgap.execution.executors import HELP as EXECUTOR
+from simgap.execution.executors import PROCESSES
 
 app = typer.Typer(
     name="simgap",
@@ -59,6 +73,13 @@ def diagnose_command(
         list[Path] | None,
         typer.Option(help="A recording of the same robot when it was well (may be repeated): what has changed since?"),
     ] = None,
+    each: Annotated[
+        bool, typer.Option("--each", help="Each recording by itself, in a folder of OUT that has its name.")
+    ] = False,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="With --each: processes; by default one a processor.")
+    ] = None,
+    executor: Annotated[str, typer.Option(help=f"With --each. {EXECUTOR}")] = PROCESSES,
 ) -> None:
     """Say where the gap of a recording lies, which effect causes it, and how far the effect shrinks it.
 
@@ -66,25 +87,35 @@ def diagnose_command(
     Examples:
       simgap diagnose log.csv --model robot.xml --map map.yaml --out diagnosis
       simgap diagnose today.csv --reference yesterday.csv --model robot.xml --map map.yaml
+      simgap diagnose run*.csv --each --model robot.xml --map map.yaml --out runs
     """
+    if not each and (executor != PROCESSES or workers is not None):
+        fail("--executor and --workers need --each: one diagnosis uses the processors of this machine by itself", 2)
     with refusals():
-        from simgap.analysis.diagnose import diagnose
-        from simgap.analysis.options import Options
-        from simgap.data.mapping import load_map
-        from simgap.data.plant import build_plant, load_spec
-        from simgap.data.recording import load_recording
-        from simgap.effects.library import load_effects
-        from simgap.preparation.check import check
+        from simgap.many import Wanted, diagnose_each, diagnose_files
 
-        extra = tuple(c for path in effects or () for c in load_effects(path))
-        plant = build_plant(load_spec(model), load_map(map_))
+        wanted = Wanted(
+            tuple(recordings),
+            model,
+            map_,
+            tuple(effects or ()),
+            tuple(only or ()),
+            seed,
+            baselines,
+            budget,
+            tuple(reference or ()),
+            command=called(["simgap"], "diagnose"),
+        )
+        if each:
+            folder, rows = out or Path("diagnosis"), []
+            with progress("recordings") as say:
+                for row in diagnose_each(wanted, folder, workers, executor):
+                    rows.append(row)
+                    say("recordings", len(rows) / len(recordings))
+            print_each(rows, json_ or folder / "summary.json", wanted.command)
+            return
         with silence() as terminal, progress("align", terminal) as say:
-            read = [load_recording(r, plant) for r in recordings]
-            seen = check(read, plant)
-            well = [load_recording(r, plant) for r in reference or ()]
-            options = Options(seed, None, extra, {}, baselines, tuple(only or ()), say, budget=budget, reference=well)
-            found = diagnose(read, plant, options)
-        found.report |= {"command": called(["simgap"], "diagnose"), "data": seen.report()}
+            found = diagnose_files(wanted, say)
         written = write_diagnosis(found, out or (None if json_ else Path("diagnosis")), json_)
     print_diagnosis(found, written)
 
@@ -92,23 +123,36 @@ def diagnose_command(
 @app.command("apply")
 def apply_command(
     diagnosis: Annotated[Path, typer.Argument(help="The diagnosis.json of `simgap diagnose`.")],
-    model: Annotated[Path, typer.Option(help="The model that was diagnosed, an MJCF.")],
-    out: Annotated[Path, typer.Option(help="The corrected model (.xml) to write.")],
+    out: Annotated[Path, typer.Option(help="The corrected model (.xml), or URDF, to write.")],
+    model: Annotated[Path | None, typer.Option(help="The model that was diagnosed, an MJCF.")] = None,
     wrapper: Annotated[
         Path | None, typer.Option(help="Python file for what no MJCF can say; by default OUT_signals.py.")
     ] = None,
     randomise: Annotated[
         Path | None, typer.Option(help="YAML file for the intervals, as ranges for domain randomisation.")
     ] = None,
+    urdf: Annotated[
+        Path | None, typer.Option(help="In place of --model: the robot's URDF, which gets the numbers that it knows.")
+    ] = None,
 ) -> None:
     """Write what a diagnosis has found into the model, and what no model can say into a small Python file.
 
     \b
-    Example:
+    Examples:
       simgap apply diagnosis/diagnosis.json --model robot.xml --out robot_corrected.xml --randomise ranges.yaml
+      simgap apply diagnosis/diagnosis.json --urdf robot.urdf --out robot_corrected.urdf
     """
-    if out.resolve() == model.resolve():
+    source = model or urdf
+    if source is None or (model is not None and urdf is not None):
+        fail("give --model MODEL.xml, the MJCF that was diagnosed, or --urdf ROBOT.urdf", 2)
+    if out.resolve() == source.resolve():
         fail(f"--out: {out} is the model itself; choose another name", 2)
+    if urdf is not None:
+        if wrapper is not None or randomise is not None:
+            fail("--wrapper and --randomise need --model: they are for MuJoCo", 2)
+        _apply_urdf(diagnosis, urdf, out)
+        return
+    assert model is not None
     with refusals():
         from simgap.correction.apply import apply, read_diagnosis
         from simgap.correction.changes import Correction
@@ -119,8 +163,7 @@ def apply_command(
         if randomise is not None:
             found = Correction.of(report["correction"])
             write_ranges(randomise, found.changes, found.signals, str(diagnosis))
-    if report["verdict"] in ("ambiguous", "unknown"):
-        typer.echo(f"warning: the verdict was {report['verdict']}; what is written is its best guess", err=True)
+    warn_of_guess(report["verdict"])
     for change in applied.written:
         typer.echo(change.sentence)
     for signal in applied.wrapped:
@@ -132,6 +175,22 @@ def apply_command(
     for path in (randomise, applied.wrapper, out):
         if path is not None:
             typer.echo(path)
+
+
+def _apply_urdf(diagnosis: Path, urdf: Path, out: Path) -> None:
+    with refusals():
+        from simgap.correction.apply import read_diagnosis
+        from simgap.correction.changes import Correction
+        from simgap.correction.urdf import write_urdf
+
+        report = read_diagnosis(diagnosis)
+        applied = write_urdf(urdf, Correction.of(report["correction"]), out)
+    warn_of_guess(report["verdict"])
+    for change in applied.written:
+        typer.echo(change.sentence)
+    for note in applied.notes:
+        typer.echo(f"not written: {note}", err=True)
+    typer.echo(out)
 
 
 @app.command("effects")

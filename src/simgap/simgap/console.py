@@ -92,6 +92,12 @@ def fail(message: str, status: int) -> NoReturn:
     raise typer.Exit(status)
 
 
+def warn_of_guess(verdict: str) -> None:
+    """Say so on stderr where what is applied is not settled."""
+    if verdict in ("ambiguous", "unknown"):
+        typer.echo(f"warning: the verdict was {verdict}; what is written is its best guess", err=True)
+
+
 @contextlib.contextmanager
 def refusals() -> Iterator[None]:
     """Input that cannot be used ends the command with its sentence and status 2."""
@@ -199,6 +205,36 @@ def print_diagnosis(found: Diagnosis, report_file: Path | None = None) -> None:
     if report_file is not None:
         # Not wrapped by the width of the terminal, so that it can be copied.
         print(report_file)
+
+
+def print_each(rows: Sequence[dict[str, Any]], summary: Path, command: str) -> None:
+    """A row for each of many recordings, on the terminal and in a file; last, where that is.
+
+    Ends with status 2 where a recording could not be used.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from simgap.analysis.diagnose import write_report
+
+    rows = sorted(rows, key=lambda row: str(row["recording"]))
+    table = Table("recording", "verdict", "effects", "gap before", "after")
+    for row in rows:
+        name = Path(row["recording"]).name
+        if "error" in row:
+            table.add_row(name, "refused")
+            continue
+        effects = "\n".join(f"{e['name']}@{e['site']}: {_parameters(e)}" for e in row["effects"])
+        table.add_row(name, row["verdict"], effects, f"{row['gap']['before']:.2f}", f"{row['gap']['after']:.2f}")
+    write_report({"schema": "simgap/each/1", "command": command, "rows": rows}, summary)
+    Console().print(table)
+    print(summary)
+    if errors := [row["error"] for row in rows if "error" in row]:
+        fail(errors[0], 2)
+
+
+def _parameters(effect: dict[str, Any]) -> str:
+    return ", ".join(f"{p['value']:.4g} {p['unit']}".strip() for p in effect["parameters"].values())
 
 
 def write_diagnosis(found: Diagnosis, out: Path | None, json_: Path | None) -> Path | None:

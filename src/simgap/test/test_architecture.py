@@ -10,6 +10,7 @@ import simgap
 ROOT = Path(simgap.__file__).parent
 LAYERS = (
     "data",
+    "execution",
     "simulation",
     "effects",
     "inference",

@@ -10,7 +10,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from matplotlib.text import Annotation
 from robots import plant_of, simulate
 
 from simgap.analysis.diagnose import Diagnosis, diagnose
@@ -23,7 +22,6 @@ from simgap.report.glossary import GLOSSARY
 from simgap.report.html import page, write_page
 from simgap.report.progress import free_table
 from simgap.report.sentences import TITLES, amount, free, how_far, sentences, title, what, where
-from simgap.report.style import svg
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 
@@ -169,17 +167,22 @@ def test_what_is_sure_is_told_apart_from_what_is_open(found: Diagnosis) -> None:
     assert what(whole).startswith("It looks like coulomb friction everywhere")
 
 
+def polygons(picture: str) -> list[tuple[np.ndarray, str, str]]:
+    """Corners (n, 2), fill and outline of every polygon of a picture."""
+    found = re.findall(r'<polygon points="([^"]*)" fill="([^"]*)" stroke="([^"]*)"', picture)
+    return [(np.array([p.split(",") for p in points.split()], float), fill, edge) for points, fill, edge in found]
+
+
 def test_any_shape_is_drawn_and_coloured_by_its_gap() -> None:
     model = mujoco.MjModel.from_xml_string(SHAPES)
     qpos = np.array(model.qpos0)
-    figure = draw_robot(model, qpos, {1: 1.0}, {1: "a part"})
-    patches = figure.axes[0].patches
-    assert len([p for p in patches if p.get_gid() is None]) >= 6
-    cold = draw_robot(model, qpos, {}, {}).axes[0].patches
-    assert {p.get_facecolor() for p in patches[:6]}.isdisjoint({p.get_facecolor() for p in cold[:6]})
-    assert "a part" in svg(figure)
-    marked = draw_robot(model, qpos, {}, {}, [1]).axes[0].patches
-    assert {p.get_edgecolor() for p in marked[:6]}.isdisjoint({p.get_edgecolor() for p in cold[:6]})
+    picture = draw_robot(model, qpos, {1: 1.0}, {1: "a part <1>"}).svg()
+    assert "a part &lt;1&gt;" in picture
+    hot, cold = polygons(picture), polygons(draw_robot(model, qpos, {}, {}).svg())
+    assert len(hot) == len(cold) == 6
+    assert {fill for _, fill, _ in hot}.isdisjoint({fill for _, fill, _ in cold})
+    marked = polygons(draw_robot(model, qpos, {}, {}, [1]).svg())
+    assert {edge for _, _, edge in marked}.isdisjoint({edge for _, _, edge in cold})
 
 
 def test_a_name_hangs_at_the_middle_of_its_part_wherever_its_mass_lies() -> None:
@@ -187,11 +190,22 @@ def test_a_name_hangs_at_the_middle_of_its_part_wherever_its_mass_lies() -> None
         """<mujoco><worldbody><body><joint axis="0 1 0"/><inertial pos="0 0 -1" mass="1" diaginertia="1 1 1"/>
         <geom type="capsule" fromto="0 0 0 0 0 -1" size="0.05"/></body></worldbody></mujoco>"""
     )
-    figure = draw_robot(model, np.array(model.qpos0), {}, {1: "link"})
-    (patch,), (text,) = figure.axes[0].patches, figure.axes[0].texts
-    corners = patch.get_path().vertices
-    assert isinstance(text, Annotation)
-    assert np.allclose(text.xy, 0.5 * (corners.min(axis=0) + corners.max(axis=0)), atol=1e-6)
+    picture = draw_robot(model, np.array(model.qpos0), {}, {1: "link"}).svg()
+    ((corners, _, _),) = polygons(picture)
+    (begin,) = re.findall(r'<path d="M([\d.]+) ([\d.]+)L', picture)
+    assert np.allclose(np.array(begin, float), 0.5 * (corners.min(axis=0) + corners.max(axis=0)), atol=0.02)
+
+
+def test_names_do_not_cover_each_other_and_stay_in_the_picture() -> None:
+    bodies = "".join(f'<body name="b{i}"><freejoint/><geom size=".1" pos="0 0 {0.01 * i}"/></body>' for i in range(6))
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    labels = {b: f"part {b}\nand more" for b in range(1, 7)}
+    drawing = draw_robot(model, np.array(model.qpos0), {}, labels)
+    texts = re.findall(r'<text x="([-\d.]+)" y="([-\d.]+)" text-anchor="(\w+)"', drawing.svg())
+    assert len(texts) == 12
+    for anchor in ("start", "end"):
+        heights = sorted(float(y) for _, y, a in texts if a == anchor)
+        assert np.all(np.diff(heights) > 13.0) and heights[0] > 10.0 and heights[-1] < drawing.height
 
 
 def test_a_page_that_cannot_be_written_is_said(found: Diagnosis, evidence: Evidence, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from simgap.catalogue import catalogue
 from simgap.cli import app
 from simgap.effects.library import effect_classes
 
-HEAVY = ("numpy", "scipy", "mujoco", "pydantic", "pint", "matplotlib", "pyarrow", "rosbags", "jinja2", "yaml")
+HEAVY = ("numpy", "scipy", "mujoco", "pydantic", "pint", "pyarrow", "rosbags", "jinja2", "yaml")
 
 
 def _run(code: str) -> subprocess.CompletedProcess[str]:

@@ -11,12 +11,13 @@ from typing import Any
 from nermo_description.parameters import Deviation
 from nermo_gap.explain.summary import QUANTITY, Run
 from nermo_gap.robots.apply import write_robot
-from nermo_sim.batch import run_batch
 from nermo_sim.disturbance import NO_DISTURBANCE
 from nermo_sim.divergence import SimulationDivergedError
 from nermo_sim.experiments import balance, straight_line, turning
 from nermo_sim.experiments.result_log import ResultLog, fingerprint
 from nermo_sim.experiments.runs import Job, Settings
+from simgap.execution.batch import run_batch
+from simgap.execution.executors import PROCESSES
 
 DISTANCE = 0.5
 """[m] of a straight run; a trot of six strides."""
@@ -34,10 +35,15 @@ class _Task:
 
 
 class Evaluator:
-    """Runs experiments of deviating robots; keeps what is done in a log, so that it goes on where it stopped."""
+    """Runs experiments of deviating robots; keeps what is done in a log, so that it goes on where it stopped.
 
-    def __init__(self, robot: str, folder: Path, workers: int | None = None) -> None:
-        self._robot, self._folder, self._workers = robot, folder, workers
+    workers, place: as `open_pool` takes them.
+    """
+
+    def __init__(self, robot: str, folder: Path, workers: int | None = None, place: str = PROCESSES) -> None:
+        # Workers elsewhere read the robots' files under the same path.
+        folder = folder.resolve()
+        self._robot, self._folder, self._workers, self._place = robot, folder, workers, place
         folder.mkdir(parents=True, exist_ok=True)
         digest = Settings(robot, DISTANCE, 1, 0, False, NO_DISTURBANCE).digest("explain")
         self._log = ResultLog(folder / "runs.jsonl", digest)
@@ -54,7 +60,7 @@ class Evaluator:
         done = total - len(tasks)
         if progress is not None:
             progress(done, total)
-        for task, result in run_batch(_run, tasks, self._workers):
+        for task, result in run_batch(_run, tasks, self._workers, self._place):
             self._log.add(task.key, result)
             done += 1
             if progress is not None:

@@ -20,6 +20,7 @@ from nermo_gap.explain.evaluate import Evaluator
 from nermo_gap.explain.search import Explanation, Progress, explain
 from nermo_gap.explain.summary import Summary, load_summary
 from simgap.data.errors import GapInputError, nearest
+from simgap.execution.executors import PROCESSES
 
 SCHEMA = "nermo_gap/explanation/1"
 SHOWN = 12
@@ -27,13 +28,19 @@ _SHIPPED = Path(str(files("nermo_gap"))) / "summaries"
 
 
 def explain_file(
-    path: Path, folder: Path, only: Sequence[str], largest: int, workers: int | None, progress: Progress | None
+    path: Path,
+    folder: Path,
+    only: Sequence[str],
+    largest: int,
+    workers: int | None,
+    progress: Progress | None,
+    place: str = PROCESSES,
 ) -> dict[str, Any]:
     """The whole explanation of a summary as plain data.
 
     Raises:
         ParameterError: the summary or its robot cannot be used.
-        GapInputError: ``only`` names an effect that is not among the candidates.
+        GapInputError: ``only`` names an effect that is not among the candidates, or the place cannot be used.
     """
     if not path.suffix and not path.exists():
         path = _SHIPPED / f"{path.name}.yaml"
@@ -43,7 +50,7 @@ def explain_file(
         if name not in {c.key for c in choices}:
             raise GapInputError(f"--only {name}: {nearest(name, [c.key for c in choices], 'effect')}")
     choices = [c for c in choices if not only or c.key in only]
-    before, found = explain(summary, choices, Evaluator(summary.robot, folder, workers), largest, progress)
+    before, found = explain(summary, choices, Evaluator(summary.robot, folder, workers, place), largest, progress)
     return _report(summary, before, found)
 
 

@@ -18,9 +18,10 @@ from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.types import ControlCommand, TrajectoryMode
 from nermo_description.parameters import TailModel
 from nermo_description.robots import load_robot
-from nermo_sim.batch import processors, run_batch
 from nermo_sim.loop import Loop, constant
 from nermo_sim.twin import Twin
+from simgap.execution.batch import run_batch
+from simgap.execution.executors import processors
 
 WALK = ControlCommand(0, forward_velocity=0.096, trajectory_mode=TrajectoryMode.STRAIGHT_LINE)
 """The ideal trot at 0.8 Hz, held on a line: what most runs do."""

@@ -37,7 +37,7 @@ def calibrate(
 
     \b
     nermo calibrate --json calibration.json
-    nermo calibrate --quick --executor dask://local
+    nermo calibrate --quick --executor dask:local
     """
     from nermo_sim.calibrate.command import calibrate_robot
 

@@ -20,7 +20,6 @@ from nermo_control.types import LegStates, MotionCommand, MotionOutput, Phase, P
 from nermo_description.blend import smooth
 from nermo_description.model import build_model
 from nermo_description.parameters import LEGS, RobotParameters
-from nermo_sim.batch import processors
 from nermo_sim.console import cell, console
 from nermo_sim.disturbance import Disturbance, DisturbedRun
 from nermo_sim.experiments.experiment import Experiment, Facts, Finished
@@ -28,6 +27,7 @@ from nermo_sim.experiments.runs import Job, Result, Settings, mean, rounded, spr
 from nermo_sim.models import compiled
 from nermo_sim.run_table import Recorder, Recording
 from nermo_sim.twin import Twin
+from simgap.execution.executors import processors
 
 SWEEP = 0.7
 """Amplitude of the hip servo about its neutral position [rad], N A.4.2."""

@@ -16,12 +16,12 @@ from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.types import ControlCommand, Posture
 from nermo_description.parameters import RobotParameters, TailModel
 from nermo_description.robots import AnyRobot, ParameterError, load_any_robot
-from nermo_sim.batch import run_batch
 from nermo_sim.disturbance import Disturbance, DisturbedRun
 from nermo_sim.experiments.result_log import ResultLog, fingerprint, seed_for
 from nermo_sim.loop import Loop, constant
 from nermo_sim.models import compiled
 from nermo_sim.twin import Twin
+from simgap.execution.batch import run_batch
 
 REPEATS = 3
 """N A.4.2."""

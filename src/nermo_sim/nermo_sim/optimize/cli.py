@@ -56,7 +56,7 @@ def optimize(
     nermo optimize
     nermo optimize --cost roll --json roll.json
     nermo optimize --cost mix --weights speed=1,roll=2 --name calm
-    nermo optimize --quick --executor dask://local
+    nermo optimize --quick --executor dask:local
     nermo optimize --cost limit-cycle --generations 40      (C 3.2.4: staged fitness, particle swarm)
     """
     from nermo_sim.optimize.gait_command import GaitSearch, search_gait

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor
 
 import numpy as np
 
@@ -14,8 +13,8 @@ from nermo_description.results import CommandError
 from nermo_sim.experiments.result_log import ResultLog
 from nermo_sim.optimize.rollout import Metrics, Rollout, Trial, Walk, run
 from nermo_sim.optimize.rollouts import Rollouts
-
-DASK = "dask://"
+from simgap.data.errors import GapInputError
+from simgap.execution.executors import open_pool
 
 
 class Evaluator:
@@ -48,32 +47,13 @@ def _mean(runs: Sequence[Metrics]) -> Metrics:
 
 @contextlib.contextmanager
 def open_executor(place: str, workers: int) -> Iterator[Executor]:
-    """An executor by its name: `processes` of this machine, `dask://HOST:PORT` (a scheduler), or `dask://local`.
+    """An executor by its name, as `open_pool` of simgap takes it.
 
-    Raises CommandError for an unknown place, a scheduler that does not answer, and where dask is not installed.
+    Raises CommandError (status 2) where it cannot be used.
     """
-    if place == "processes":
-        # A fresh interpreter for each worker: forking would copy the threads of whoever calls.
-        with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-            try:
-                yield pool
-            finally:
-                pool.shutdown(wait=False, cancel_futures=True)
-        return
-    if not place.startswith(DASK):
-        raise CommandError(f"executor {place!r} is unknown: processes, dask://local or dask://HOST:PORT", status=2)
-    try:
-        from distributed import Client, LocalCluster
-    except ImportError as error:
-        raise CommandError("dask is not installed: pip install distributed, into ./nermo's .venv", status=2) from error
-    address = place.removeprefix(DASK)
     with contextlib.ExitStack() as stack:
-        if address == "local":
-            cluster = stack.enter_context(LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None))
-            client = stack.enter_context(Client(cluster))
-        else:
-            try:
-                client = stack.enter_context(Client(f"tcp://{address}", timeout=10.0))
-            except (OSError, ValueError) as error:
-                raise CommandError(f"no dask scheduler answers at {address}: {error}") from error
-        yield client.get_executor()
+        try:
+            pool = stack.enter_context(open_pool(place, workers))
+        except GapInputError as error:
+            raise CommandError(str(error), status=2) from error
+        yield pool.executor

@@ -11,6 +11,10 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
+from simgap.data.errors import GapInputError
+from simgap.execution.executors import HELP as EXECUTOR
+from simgap.execution.executors import PROCESSES
+
 # What does the work takes seconds to import, and help is asked for often: commands import it when they run.
 
 blind_app = typer.Typer(
@@ -33,7 +37,7 @@ def _refusals() -> Iterator[None]:
 
     try:
         yield
-    except BlindError as error:
+    except (BlindError, GapInputError) as error:
         _fail(str(error), 2)
 
 
@@ -78,12 +82,14 @@ def diagnose_command(
     answers: Annotated[
         list[Path] | None, typer.Option(help="Where answers lie: each process tries to read there, and must fail.")
     ] = None,
+    executor: Annotated[str, typer.Option(help=EXECUTOR)] = PROCESSES,
 ) -> None:
     """Diagnose all cases, each in a process that can read nothing but its own case.
 
     \b
     Example:
       simgap blind diagnose check --out results --workers 16 --threads 1
+      simgap blind diagnose check --out results --threads 1 --executor dask:tcp://cluster:8786
     """
     from simgap.blind.run import results_file, run
 
@@ -100,6 +106,7 @@ def diagnose_command(
             _hidden(folder, answers),
             budget,
             progress=_told,
+            place=executor,
         )
     done = sum(r["status"] == "done" for r in found.values())
     typer.echo(f"{done} of {len(found)} diagnosed; {results_file(out)}")

@@ -8,14 +8,15 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import threading
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from simgap.blind.make import BlindError, read_manifest
+from simgap.execution.batch import run_batch
+from simgap.execution.executors import PROCESSES
 
 Progress = Callable[[dict[str, Any], int, int], None]
 
@@ -70,15 +71,18 @@ def run(
     budget: float | None = None,
     only: Sequence[str] = (),
     progress: Progress | None = None,
+    place: str = PROCESSES,
 ) -> dict[str, dict[str, Any]]:
     """Diagnose what has no result yet; a line of JSON a case is appended to ``out``/results.jsonl as it comes.
 
     ``cases`` are taken in this order. ``answers`` are places that must not be readable; each process tries. ``budget``
     [s]: no case is begun later than this, and those under way are stopped then, to be resumed another time. ``keep``
-    keeps each full diagnosis.json.
+    keeps each full diagnosis.json. ``place``, as `open_pool` takes it: where the processes are started; elsewhere than
+    here, both folders must be what is found under the same paths there.
 
     Raises:
         BlindError: no check, answers within reach, or unknown cases.
+        GapInputError: the place cannot be used.
     """
     folder, out = folder.resolve(), out.resolve()
     manifest = read_manifest(folder)
@@ -94,33 +98,37 @@ def run(
         # The slow ones first, so that no worker is left alone with them at the end.
         todo.sort(key=lambda i: -sum(f.stat().st_size for f in (folder / "data" / i).glob("recording.*")))
     options = {"threads": threads, "baselines": baselines, "only": list(only), "answers": [str(a) for a in answers]}
-    lock, stopped, begun = threading.Lock(), threading.Event(), time.monotonic()
-    left = (lambda: float("inf")) if budget is None else (lambda: budget - (time.monotonic() - begun))
+    begun = time.monotonic()
 
-    def one(case: str) -> dict[str, Any] | None:
-        remaining = left()
-        if remaining < 1.0:
-            return None
-        row = _diagnose(folder / "data" / case, out, options, min(timeout, remaining), keep)
-        if stopped.is_set() or (row["status"] == "timeout" and remaining < timeout):
-            return None
-        with lock, results_file(out).open("a", encoding="utf-8") as file:
+    def jobs() -> Iterator[_Job]:
+        for case in todo:
+            left = float("inf") if budget is None else budget - (time.monotonic() - begun)
+            if left < 1.0:
+                return
+            yield _Job(folder / "data" / case, out, options, min(timeout, left), keep, left < timeout)
+
+    finished = 0
+    for job, row in run_batch(_diagnose, jobs(), max(workers, 1), place, light=True):
+        finished += 1
+        if job.last and row["status"] == "timeout":
+            continue  # The budget stopped it, and it waits for the next call.
+        with results_file(out).open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
-        return row
-
-    pool = ThreadPoolExecutor(max(workers, 1))
-    try:
-        futures = [pool.submit(one, case) for case in todo]
-        for finished, future in enumerate(as_completed(futures), 1):
-            row = future.result()
-            if row is not None and progress:
-                progress(row, finished, len(todo))
-    except KeyboardInterrupt:
-        stopped.set()  # What is under way was interrupted too, and waits for the next call.
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
+        if progress:
+            progress(row, finished, len(todo))
     return read_results(out)
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One case to diagnose; ``last``: the budget ends before its own time does."""
+
+    case: Path
+    out: Path
+    options: dict[str, Any]
+    timeout: float
+    keep: bool
+    last: bool
 
 
 def _refuse_reachable(folder: Path, answers: Sequence[Path]) -> None:
@@ -133,7 +141,8 @@ def _refuse_reachable(folder: Path, answers: Sequence[Path]) -> None:
             raise BlindError(f"{place}: answers lie inside of the data; move them away")
 
 
-def _diagnose(case: Path, out: Path, options: dict[str, Any], timeout: float, keep: bool) -> dict[str, Any]:
+def _diagnose(job: _Job) -> dict[str, Any]:
+    case, out, options = job.case, job.out, job.options
     started = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="blind-") as scratch:
         command = [sys.executable, "-P", "-m", "simgap.blind.worker", str(case), scratch, json.dumps(options)]
@@ -141,7 +150,7 @@ def _diagnose(case: Path, out: Path, options: dict[str, Any], timeout: float, ke
         row: dict[str, Any] = {"id": case.name, "status": "failed"}
         try:
             ended = subprocess.run(
-                command, cwd=scratch, env=environment, capture_output=True, text=True, timeout=timeout, check=False
+                command, cwd=scratch, env=environment, capture_output=True, text=True, timeout=job.timeout, check=False
             )
         except subprocess.TimeoutExpired:
             return row | {"status": "timeout", "wall_s": time.monotonic() - started}
@@ -155,7 +164,7 @@ def _diagnose(case: Path, out: Path, options: dict[str, Any], timeout: float, ke
         proposed = (report.get("next_experiment") or {}).get("file")
         if proposed:
             shutil.copy(Path(scratch) / proposed, experiment_file(out, case.name))
-        if keep:
+        if job.keep:
             (out / f"{case.name}.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     return row | {
         "status": "done",

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
 import xml.parsers.expat
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +12,11 @@ import mujoco
 import numpy as np
 
 from simgap.correction.changes import ATTRIBUTES, OBJECTS, Change, differences
+from simgap.correction.text import Edit, Element, elements_of, number_text, rewritten
 from simgap.data.channels import model_names
 from simgap.data.errors import GapInputError
 from simgap.data.plant import load_model, load_spec
 
-_TAG = re.compile(rb"""<([\w:.-]+)((?:\s+[\w:.-]+\s*=\s*(?:"[^"]*"|'[^']*'))*)\s*(/?)>""")
-_ATTRIBUTE = r"""\s+{name}\s*=\s*(?:"[^"]*"|'[^']*')"""
 _ANGLES = ("range", "springref")
 _SPEC_NAMES = {"solreffriction": "solref_friction", "solimpfriction": "solimp_friction", "solreflimit": "solref_limit"}
 """MJCF attribute -> attribute of MjSpec where they differ."""
@@ -106,8 +104,8 @@ def _check_start(model: mujoco.MjModel, changes: Sequence[Change], path: Path) -
         limited = change.attribute != "forcerange" or model.actuator_forcelimited[change.index]
         if limited and not np.allclose(found, change.nominal, rtol=1e-3, atol=1e-9):
             raise GapInputError(
-                f"{path}: {change.attribute} of {change.element} {change.name!r} is {_text(found)}, and the diagnosis "
-                f"began from {_text(change.nominal)}; is it the model that was diagnosed?"
+                f"{path}: {change.attribute} of {change.element} {change.name!r} is {number_text(found)}, and the "
+                f"diagnosis began from {number_text(change.nominal)}; is it the model that was diagnosed?"
             )
 
 
@@ -136,52 +134,10 @@ def _missing(model: mujoco.MjModel, changes: Sequence[Change]) -> tuple[Change, 
     )
 
 
-def _text(values: Sequence[float]) -> str:
-    return " ".join(f"{v:.10g}" for v in values)
-
-
 # --- The text of the model
 
 
-@dataclass
-class _Element:
-    """A start tag in the text: where it begins, its ancestors' names, and its first child of some names."""
-
-    start: int
-    tag: str
-    path: tuple[str, ...]
-    attributes: dict[str, str]
-    inertial: _Element | None = None
-
-
-@dataclass
-class _Edit:
-    """New attributes of a start tag (None: none of that name), its new name, and what to put behind it."""
-
-    attributes: dict[str, str | None] = field(default_factory=dict)
-    tag: str = ""
-    behind: str = ""
-
-
-def _elements(text: bytes) -> list[_Element]:
-    parser = xml.parsers.expat.ParserCreate()
-    found: list[_Element] = []
-    open_: list[_Element] = []
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        element = _Element(parser.CurrentByteIndex, tag, tuple(e.tag for e in open_), attributes)
-        if tag == "inertial" and open_:
-            open_[-1].inertial = element
-        found.append(element)
-        open_.append(element)
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = lambda _: open_.pop()
-    parser.Parse(text, True)
-    return found
-
-
-def _find(elements: Sequence[_Element], change: Change) -> _Element | None:
+def _find(elements: Sequence[Element], change: Change) -> Element | None:
     """The one element that a change is about, or None where the text holds none or several."""
     above = {"tendon": "tendon", "actuator": "actuator"}.get(change.element, "worldbody")
     tags = {"tendon": ("spatial", "fixed"), "actuator": None}.get(change.element, (change.element,))
@@ -197,39 +153,39 @@ def _edited(path: Path, nominal: mujoco.MjModel, changes: Sequence[Change]) -> b
     """The model's text with the changes, or None where it does not hold every element by name."""
     text = path.read_bytes()
     try:
-        elements = _elements(text)
+        elements = elements_of(text)
     except xml.parsers.expat.ExpatError:
         return None
     root = elements[0]
     if root.tag != "mujoco" or any(e.tag in ("include", "attach", "replicate") for e in elements):
         return None
     degrees = bool(load_spec(path).compiler.degree)
-    edits: dict[int, _Edit] = {}
+    edits: dict[int, Edit] = {}
     for change in changes:
         if change.element == "option":
             element = next((e for e in elements if e.tag == "option" and len(e.path) == 1), None)
             where = root if element is None else element
-            edit = edits.setdefault(where.start, _Edit())
+            edit = edits.setdefault(where.start, Edit())
             if element is None:
-                edit.behind += f'\n  <option {change.attribute}="{_text(change.value)}"/>'
+                edit.behind += f'\n  <option {change.attribute}="{number_text(change.value)}"/>'
             else:
-                edit.attributes[change.attribute] = _text(change.value)
+                edit.attributes[change.attribute] = number_text(change.value)
             continue
         element = _find(elements, change)
         if element is None:
             return None
         if change.attribute in _INERTIAL:
-            target = element if element.inertial is None else element.inertial
-            edit = edits.setdefault(target.start, _Edit())
+            target = element.children.get("inertial", element)
+            edit = edits.setdefault(target.start, Edit())
             numbers = _inertial(nominal, change.index, [c for c in changes if _same(c, change)])
-            if element.inertial is None:
+            if "inertial" not in element.children:
                 edit.behind = "\n<inertial " + " ".join(f'{k}="{v}"' for k, v in numbers.items()) + "/>"
             else:
                 edit.attributes |= {**numbers, "fullinertia": None}
             continue
-        _edit_element(edits.setdefault(element.start, _Edit()), element, change, nominal, changes, degrees)
+        _edit_element(edits.setdefault(element.start, Edit()), element, change, nominal, changes, degrees)
     for start in sorted(edits, reverse=True):
-        changed = _rewritten(text, start, edits[start])
+        changed = rewritten(text, start, edits[start])
         if changed is None:
             return None
         text = changed
@@ -244,16 +200,16 @@ def _inertial(model: mujoco.MjModel, body: int, changes: Sequence[Change]) -> di
     """Attributes of an `inertial` that says all of a body's mass and where it lies."""
     new = {c.attribute: c.value for c in changes}
     return {
-        "pos": _text(new.get("ipos", tuple(model.body_ipos[body]))),
-        "quat": _text(tuple(model.body_iquat[body])),
-        "mass": _text(new.get("mass", (float(model.body_mass[body]),))),
-        "diaginertia": _text(new.get("inertia", tuple(model.body_inertia[body]))),
+        "pos": number_text(new.get("ipos", tuple(model.body_ipos[body]))),
+        "quat": number_text(tuple(model.body_iquat[body])),
+        "mass": number_text(new.get("mass", (float(model.body_mass[body]),))),
+        "diaginertia": number_text(new.get("inertia", tuple(model.body_inertia[body]))),
     }
 
 
 def _edit_element(
-    edit: _Edit,
-    element: _Element,
+    edit: Edit,
+    element: Element,
     change: Change,
     nominal: mujoco.MjModel,
     changes: Sequence[Change],
@@ -268,7 +224,7 @@ def _edit_element(
     if change.attribute in ("priority", "limited"):
         edit.attributes[change.attribute] = str(int(values[0])) if change.attribute == "priority" else _word(values[0])
         return
-    edit.attributes[change.attribute] = _text(values)
+    edit.attributes[change.attribute] = number_text(values)
     if change.attribute == "range":
         edit.attributes["limited"] = "true"
     if change.attribute == "forcerange":
@@ -291,7 +247,7 @@ def _word(value: float) -> str:
 
 
 def _edit_gains(
-    edit: _Edit, element: _Element, change: Change, nominal: mujoco.MjModel, changes: Sequence[Change]
+    edit: Edit, element: Element, change: Change, nominal: mujoco.MjModel, changes: Sequence[Change]
 ) -> None:
     """Gains of an actuator: by kp and kv where it is a `position` that still is one, else as a `general`."""
     new = {c.attribute: c.value for c in changes if _same(c, change)}
@@ -299,38 +255,20 @@ def _edit_gains(
     bias = new.get("biasprm", tuple(nominal.actuator_biasprm[change.index, :3]))
     plain = gain[1:] == (0.0, 0.0) and bias[0] == 0.0
     if element.tag == "position" and plain and np.isclose(gain[0], -bias[1], rtol=1e-9):
-        edit.attributes |= {"kp": _text(gain[:1]), "kv": _text([-bias[2]]), "dampratio": None}
+        edit.attributes |= {"kp": number_text(gain[:1]), "kv": number_text([-bias[2]]), "dampratio": None}
     elif element.tag == "velocity" and plain and bias[1] == 0.0 and np.isclose(gain[0], -bias[2], rtol=1e-9):
-        edit.attributes |= {"kv": _text(gain[:1])}
+        edit.attributes |= {"kv": number_text(gain[:1])}
     else:
         edit.tag = "general"
-        edit.attributes |= {"gaintype": "fixed", "gainprm": _text(gain), "kp": None, "kv": None, "dampratio": None}
+        edit.attributes |= {
+            "gaintype": "fixed",
+            "gainprm": number_text(gain),
+            "kp": None,
+            "kv": None,
+            "dampratio": None,
+        }
         if any(bias):
-            edit.attributes |= {"biastype": "affine", "biasprm": _text(bias)}
-
-
-def _rewritten(text: bytes, start: int, edit: _Edit) -> bytes | None:
-    match = _TAG.match(text, start)
-    if match is None or (edit.behind and match[3]):
-        return None
-    body = match[2].decode()
-    for name, value in edit.attributes.items():
-        pattern = re.compile(_ATTRIBUTE.format(name=re.escape(name)))
-        if value is None:
-            body = pattern.sub("", body)
-        elif pattern.search(body):
-            body = pattern.sub(f' {name}="{value}"', body)
-        else:
-            body += f' {name}="{value}"'
-    tag = edit.tag or match[1].decode()
-    new = f"<{tag}{body}{match[3].decode()}>{edit.behind}".encode()
-    old_tag = match[1].decode()
-    rest = text[match.end() :]
-    if edit.tag and edit.tag != old_tag and not match[3]:
-        # An element with children ends with its own name.
-        end = rest.find(f"</{old_tag}".encode())
-        rest = rest[:end] + f"</{edit.tag}".encode() + rest[end + len(old_tag) + 2 :]
-    return text[:start] + new + rest
+            edit.attributes |= {"biastype": "affine", "biasprm": number_text(bias)}
 
 
 # --- MuJoCo's own writing

@@ -6,19 +6,19 @@ from collections.abc import Collection, Mapping
 
 import mujoco
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import to_hex, to_rgb
-from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from simgap.report.style import AFTER, HEAT, INK, QUIET, UNSEEN
+from simgap.report import style
+from simgap.report.style import AFTER, EDGE, QUIET, UNSEEN
+from simgap.report.svg import Drawing, text_width
 
 Array = NDArray[np.float64]
 Geom = mujoco.mjtGeom
 
 _RING = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+_WIDTH, _TALLEST, _TEXT = 500.0, 400.0, 13.0
+"""[px] of the drawing, the robot in it, and the names."""
 
 
 def draw_robot(
@@ -27,7 +27,7 @@ def draw_robot(
     heat: Mapping[int, float],
     labels: Mapping[int, str],
     causes: Collection[int] = (),
-) -> Figure:
+) -> Drawing:
     """The robot in posture ``qpos`` with bodies coloured by ``heat`` {body: 0 to 1}; others are grey.
 
     Bodies in ``causes`` have a blue outline.
@@ -41,22 +41,58 @@ def draw_robot(
         outline = _outline(model, data, g, right, up)
         if outline is not None:
             shapes.append((float(data.geom_xpos[g] @ toward), int(model.geom_bodyid[g]), outline))
-    low, high = _bounds([s[2] for s in shapes])
-    size = float((high - low).max())
-    # As tall as the robot is, or the names beside it: a long mouse needs no tower.
-    tall = max(float(high[1] - low[1]), 0.11 * size * (len(labels) + 1) / 2)
-    figure = Figure(figsize=(5.4, float(np.clip(0.4 + 5.4 * tall / (1.3 * size), 1.8, 4.4))), layout="constrained")
-    axes = figure.subplots()
-    for _, body, outline in sorted(shapes, key=lambda s: s[0]):
-        axes.add_patch(_patch(outline, heat.get(body), body in causes))
     drawn = {b: np.concatenate([s for _, body, s in shapes if body == b] or [_at(data, b, right, up)]) for b in labels}
     places = {b: 0.5 * (points.min(axis=0) + points.max(axis=0)) for b, points in drawn.items()}
-    _label(axes, places, labels, (float(low[0]), float(high[0])), size)
-    axes.set_aspect("equal")
-    axes.autoscale_view()
-    axes.margins(0.06)
-    axes.axis("off")
-    return figure
+    low, high = _bounds([s[2] for s in shapes])
+    sides = _sides(places, low, high)
+    margin = {
+        s: max((text_width(labels[b], _TEXT) + 30.0 for b in sides if sides[b] == s), default=8.0) for s in (-1, 1)
+    }
+    across, tall = np.maximum(high - low, 1e-9)
+    scale = min(max(_WIDTH - margin[-1] - margin[1], 120.0) / across, _TALLEST / tall)
+    left = margin[-1] + 0.5 * max(_WIDTH - margin[-1] - margin[1] - scale * across, 0.0)
+    origin, flip = np.array([left - scale * low[0], scale * high[1]]), np.array([scale, -scale])
+    names = _heights({b: float((origin + flip * p)[1]) for b, p in places.items()}, labels, sides)
+    reach = [0.0, scale * tall, *(y + side * 0.6 * _lines(labels[b]) for b, y in names.items() for side in (-1, 1))]
+    top, bottom = min(reach) - 6.0, max(reach) + 6.0
+    origin[1] -= top
+    drawing = Drawing("robot", left + scale * across + margin[1], bottom - top)
+    for _, body, outline in sorted(shapes, key=lambda s: s[0]):
+        fill = style.heat(heat[body]) if body in heat else UNSEEN
+        edge, width = (AFTER, 3.0) if body in causes else (EDGE, 1.0)
+        drawing.polygon(origin + flip * outline, fill, edge, width)
+    for body, y in names.items():
+        side = sides[body]
+        x = left - 20.0 if side < 0 else left + scale * across + 20.0
+        drawing.line([tuple(origin + flip * places[body]), (x - 4.0 * side, y - top)], QUIET)
+        drawing.text(x, y - top, labels[body], anchor="end" if side < 0 else "start", size=_TEXT)
+    return drawing
+
+
+def _sides(places: Mapping[int, Array], low: Array, high: Array) -> dict[int, int]:
+    """At which side of the robot the name of each part stands: -1 left, 1 right; in turn for those in the middle."""
+    middle, size = 0.5 * (low[0] + high[0]), float((high - low).max())
+    sides = {}
+    for i, body in enumerate(sorted(places, key=lambda b: -places[b][1])):
+        x = places[body][0]
+        sides[body] = (1 if i % 2 == 0 else -1) if abs(x - middle) < 0.12 * size else (1 if x > middle else -1)
+    return sides
+
+
+def _lines(text: str) -> float:
+    """Height of a text [px]."""
+    return 1.25 * _TEXT * (text.count("\n") + 1)
+
+
+def _heights(wanted: Mapping[int, float], labels: Mapping[int, str], sides: Mapping[int, int]) -> dict[int, float]:
+    """Where the names stand, downwards [px]: beside their part, or lower where another one is in the way."""
+    found: dict[int, float] = {}
+    below = {-1: -np.inf, 1: -np.inf}
+    for body in sorted(wanted, key=lambda b: wanted[b]):
+        half = 0.5 * _lines(labels[body]) + 3.0
+        found[body] = max(wanted[body], below[sides[body]] + half)
+        below[sides[body]] = found[body] + half
+    return found
 
 
 def _view(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array, Array]:
@@ -116,46 +152,8 @@ def _at(data: mujoco.MjData, body: int, right: Array, up: Array) -> Array:
     return np.array([[data.xipos[body] @ right, data.xipos[body] @ up]])
 
 
-def _patch(outline: Array, heat: float | None, cause: bool) -> Polygon:
-    colour = UNSEEN if heat is None else to_hex(HEAT(heat))
-    edge, width = (to_rgb(AFTER), 2.4) if cause else (tuple(0.55 * c for c in to_rgb(colour)), 0.8)
-    return Polygon(outline, closed=True, facecolor=colour, edgecolor=edge, linewidth=width, joinstyle="round")
-
-
 def _bounds(outlines: list[Array]) -> tuple[Array, Array]:
     if not outlines:
         return np.zeros(2), np.ones(2)
     points = np.concatenate(outlines)
     return points.min(axis=0), points.max(axis=0)
-
-
-def _label(
-    axes: Axes,
-    places: Mapping[int, Array],
-    labels: Mapping[int, str],
-    sides: tuple[float, float],
-    size: float,
-) -> None:
-    """Names beside the parts at ``places``, left and right of the robot in turn, in the order of their height."""
-    if not places:
-        return
-    middle = 0.5 * sum(sides)
-    ordered = sorted(places, key=lambda b: -places[b][1])
-    levels: dict[int, list[float]] = {-1: [], 1: []}
-    for i, body in enumerate(ordered):
-        x, y = places[body]
-        side = (1 if i % 2 == 0 else -1) if abs(x - middle) < 0.12 * size else (1 if x > middle else -1)
-        height = y
-        while any(abs(height - h) < 0.11 * size for h in levels[side]):
-            height -= 0.11 * size
-        levels[side].append(height)
-        axes.annotate(
-            labels[body],
-            (x, y),
-            (sides[side > 0] + side * 0.1 * size, height),
-            fontsize=9,
-            color=INK,
-            ha="left" if side > 0 else "right",
-            va="center",
-            arrowprops={"arrowstyle": "-", "color": QUIET, "linewidth": 0.8, "shrinkB": 0},
-        )

@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from simgap.report.drawing import draw_robot
-from simgap.report.evidence import Evidence
-from simgap.report.style import AFTER, BEFORE, COOL, HEAT, INK, LINE, MEASURED, QUIET, calm
+from simgap.report.evidence import Curve, Evidence
+from simgap.report.plot import (
+    AXIS,
+    LEGEND,
+    ROW,
+    SMALL,
+    TOP,
+    WIDTH,
+    Panel,
+    cells,
+    column_room,
+    columns,
+    framed,
+    legend,
+    names_width,
+    rows,
+)
+from simgap.report.style import AFTER, BEFORE, LINE, MEASURED, QUIET, cool, heat
+from simgap.report.svg import Drawing
 
 Array = NDArray[np.float64]
 Report = dict[str, Any]
 
-_WIDTH = 9.0
-"""[in]"""
 _MANY = 14
 """Rows of a map at most; the rest have the smallest gaps."""
 
@@ -30,11 +44,11 @@ def subsystem_shares(report: Report) -> dict[str, float]:
     return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
 
-def robot(report: Report, evidence: Evidence) -> Figure:
+def robot(report: Report, evidence: Evidence) -> Drawing:
     """The robot with its gap as a heat map."""
     shares = subsystem_shares(report)
     top = max(shares.values(), default=0.0) or 1.0
-    heat = {b: max(shares.get(n, 0.0) for n in names) / top for b, names in evidence.bodies.items()}
+    warmth = {b: max(shares.get(n, 0.0) for n in names) / top for b, names in evidence.bodies.items()}
     strongest: dict[str, int] = {}
     for body, names in evidence.bodies.items():
         for name in names:
@@ -46,11 +60,11 @@ def robot(report: Report, evidence: Evidence) -> Figure:
             body = strongest[name]
             labels[body] = f"{labels[body]}\n{text}" if body in labels else text
     if report["verdict"] in ("effect", "ambiguous", "partial"):
-        return draw_robot(evidence.model, evidence.qpos, heat, labels, list(evidence.causes))
-    return draw_robot(evidence.model, evidence.qpos, heat, labels)
+        return draw_robot(evidence.model, evidence.qpos, warmth, labels, list(evidence.causes))
+    return draw_robot(evidence.model, evidence.qpos, warmth, labels)
 
 
-def phase_map(report: Report) -> Figure | None:
+def phase_map(report: Report) -> Drawing | None:
     """Gap by channel and phase: before, and what is left."""
     rows = report["where"]
     if not rows:
@@ -62,15 +76,24 @@ def phase_map(report: Report) -> Figure | None:
     known = ("swing", "touch-down", "stance", "standstill", "reversal", "moving", "all")
     present = {p for c in channels for p in before[c]}
     phases = [p for p in known if p in present] + sorted(present - set(known))
-    figure = Figure(figsize=(_WIDTH, 0.9 + 0.34 * len(channels)), layout="constrained")
     one = _matrix(before, channels, phases) * scale_before
     two = _matrix(left, channels, phases) * scale_left
     top = max(float(np.nanmax(one)), float(np.nanmax(np.nan_to_num(two))), 1e-9)
-    pair = figure.subplots(1, 2, sharey=True)
-    for axes, values, title in zip(pair, (one, two), ("before", "after"), strict=True):
-        _cells(axes, values, top, channels, [p.replace("_", "-") for p in phases])
-        axes.set_title(title, fontsize=10, color=INK, loc="left")
-    return figure
+    begin, titles = names_width(channels), [p.replace("_", "-") for p in phases]
+    wide, high = 0.5 * (WIDTH - begin - 24.0), ROW * len(channels)
+    drawing = Drawing("phases", WIDTH, LEGEND + high + column_room(titles, wide / len(titles)))
+    for start, values, title in ((begin, one, "before"), (begin + wide + 24.0, two, "after")):
+        drawing.text(start, 12.0, title, bold=True)
+        cells(drawing, (start, LEGEND, wide, high), values, values / top, heat, _short)
+        columns(drawing, start, LEGEND + high, wide / len(titles), titles)
+    _beside(drawing, begin, LEGEND, ROW, channels)
+    return drawing
+
+
+def _beside(drawing: Drawing, left: float, top: float, row: float, names: list[str], bold: Any = ()) -> None:
+    """Names to the left of the rows of a map."""
+    for i, name in enumerate(names):
+        drawing.text(left - 10.0, top + (i + 0.5) * row, name, anchor="end", bold=name in bold)
 
 
 def _by_phase(rows: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
@@ -85,23 +108,11 @@ def _matrix(table: dict[str, dict[str, float]], rows: list[str], columns: list[s
     return np.array([[table.get(r, {}).get(c, np.nan) for c in columns] for r in rows])
 
 
-def _cells(axes: Axes, values: Array, top: float, rows: list[str], columns: list[str]) -> None:
-    axes.pcolormesh(np.ma.masked_invalid(values), cmap=HEAT, vmin=0.0, vmax=top, edgecolors="white", linewidth=1.5)
-    for (i, j), value in np.ndenumerate(values):
-        if np.isfinite(value):
-            tone = "white" if value > 0.62 * top else INK
-            axes.text(j + 0.5, i + 0.5, _short(value), ha="center", va="center", fontsize=8.5, color=tone)
-    axes.set_xticks(np.arange(len(columns)) + 0.5, columns)
-    axes.set_yticks(np.arange(len(rows)) + 0.5, rows)
-    axes.set_ylim(len(rows), 0)
-    calm(axes)
-
-
 def _short(value: float) -> str:
     return f"{value:.0f}" if value >= 10 else f"{value:.1f}" if value >= 0.05 else "·"
 
 
-def band_map(report: Report) -> Figure | None:
+def band_map(report: Report) -> Drawing | None:
     """Where in frequency each channel's gap lies."""
     rows = report.get("frequency") or []
     if not rows:
@@ -110,35 +121,37 @@ def band_map(report: Report) -> Figure | None:
     edges = list(dict.fromkeys((r["from_hz"], r["to_hz"]) for r in rows))
     table = {(r["channel"], (r["from_hz"], r["to_hz"])): 100 * r["share"] for r in rows}
     values = np.array([[table.get((n, e), np.nan) for e in edges] for n in names])
-    figure = Figure(figsize=(_WIDTH * 0.55, 0.8 + 0.34 * len(names)), layout="constrained")
-    axes = figure.subplots()
     titles = [f"{a:g}–{b:g} Hz" if b else f"over {a:g} Hz" for a, b in edges]
-    _cells(axes, values, 100.0, names, titles)
-    return figure
+    begin, high = names_width(names), ROW * len(names)
+    wide = min(110.0, (WIDTH - begin) / len(titles))
+    drawing = Drawing("bands", WIDTH, TOP + high + column_room(titles, wide))
+    cells(drawing, (begin, TOP, wide * len(titles), high), values, values / 100.0, heat, _short)
+    columns(drawing, begin, TOP + high, wide, titles)
+    _beside(drawing, begin, TOP, ROW, names)
+    return drawing
 
 
-def ranking(evidence: Evidence) -> Figure | None:
+def ranking(evidence: Evidence) -> Drawing | None:
     """What each hypothesis gains on held-out data, with its interval."""
     ranked = evidence.ranking
     if not ranked:
         return None
-    figure = Figure(figsize=(_WIDTH, 0.7 + 0.33 * len(ranked)), layout="constrained")
-    axes = figure.subplots()
+    names, chosen = [r.name for r in ranked], [r.name for r in ranked if r.chosen]
+    low, high = min(0.0, *(r.low for r in ranked)), max(0.0, *(r.high for r in ranked))
+    edge = 0.04 * (high - low or 1.0)
+    drawing = Drawing("ranking", WIDTH, TOP + ROW * len(names) + AXIS)
+    panel = rows(drawing, names, (names_width(names, bold=True), WIDTH - 12.0), (low - edge, high + edge))
+    panel.x_axis("gain over the nominal model with its tolerances, on held-out data [nats]")
+    panel.upright(0.0)
+    panel.names(names, chosen)
     for i, rank in enumerate(ranked):
         colour = AFTER if rank.chosen else QUIET
-        axes.plot([rank.low, rank.high], [i, i], color=colour, linewidth=2.2, solid_capstyle="round")
-        axes.plot(rank.gain, i, "o", color=colour, markersize=8 if rank.chosen else 6)
-    axes.axvline(0.0, color=INK, linewidth=0.8)
-    axes.set_yticks(range(len(ranked)), [r.name for r in ranked])
-    axes.set_ylim(len(ranked) - 0.4, -0.6)
-    for label, rank in zip(axes.get_yticklabels(), ranked, strict=True):
-        label.set_fontweight("bold" if rank.chosen else "normal")
-    axes.set_xlabel("gain over the nominal model with its tolerances, on held-out data [nats]", fontsize=9, color=INK)
-    calm(axes, "x")
-    return figure
+        panel.stroke((rank.low, i), (rank.high, i), colour, 3.0)
+        panel.dot(rank.gain, i, colour, 6.0 if rank.chosen else 4.5)
+    return drawing
 
 
-def alternatives(report: Report) -> Figure:
+def alternatives(report: Report) -> Drawing:
     """The held-out gap of every way to explain the recording."""
     gap, beside = report["gap"], report["baselines"]
     bars = [
@@ -151,143 +164,112 @@ def alternatives(report: Report) -> Figure:
     if best.get("effect"):
         bars.append((f"best single effect in sample: {best['effect']}", best["gap"], QUIET))
     bars.append(("this diagnosis", gap["after"], AFTER))
-    figure = Figure(figsize=(_WIDTH, 0.6 + 0.36 * len(bars)), layout="constrained")
-    axes = figure.subplots()
+    names = [b[0] for b in bars]
+    drawing = Drawing("alternatives", WIDTH, TOP + ROW * len(bars) + AXIS)
+    panel = _gaps(drawing, names, [b[1] for b in bars], TOP)
     for i, (_, value, colour) in enumerate(bars):
-        axes.plot([1.0, value], [i, i], color=LINE, linewidth=4, zorder=1)
-        axes.plot(value, i, "o", color=colour, markersize=9)
-        axes.annotate(
-            f"{value:.2f}", (value, i), (9, 0), textcoords="offset points", va="center", fontsize=9, color=INK
-        )
-    _noise_floor(axes)
-    axes.set_yticks(range(len(bars)), [b[0] for b in bars])
-    axes.set_ylim(len(bars) - 0.4, -0.6)
-    _log_gap(axes, [b[1] for b in bars])
-    calm(axes, "x")
-    return figure
+        panel.stroke((1.0, i), (value, i), LINE, 5.0)
+        panel.dot(value, i, colour, 6.0)
+        panel.note(value, i, f"{value:.2f}", 12.0)
+    return drawing
 
 
-def channels(report: Report) -> Figure | None:
+def channels(report: Report) -> Drawing | None:
     """Held-out gap of every channel, before and after."""
     table = report["gap"].get("by_channel") or {}
     if not table:
         return None
     names = sorted(table, key=lambda n: -table[n]["before"])[:_MANY]
-    figure = Figure(figsize=(_WIDTH, 0.7 + 0.34 * len(names)), layout="constrained")
-    axes = figure.subplots()
+    drawing = Drawing("channels", WIDTH, LEGEND + ROW * len(names) + AXIS)
+    panel = _gaps(drawing, names, [table[n][when] for n in names for when in ("before", "after")], LEGEND)
     for i, name in enumerate(names):
         before, after = table[name]["before"], table[name]["after"]
-        axes.plot([before, after], [i, i], color=LINE, linewidth=4, zorder=1)
-        axes.plot(before, i, "o", color=BEFORE, markersize=8, label="before" if i == 0 else None)
-        axes.plot(after, i, "o", color=AFTER, markersize=8, label="after" if i == 0 else None)
-    _noise_floor(axes)
-    _log_gap(axes, [table[n][when] for n in names for when in ("before", "after")])
-    axes.set_yticks(range(len(names)), names)
-    axes.set_ylim(len(names) - 0.4, -0.6)
-    axes.legend(frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    calm(axes, "x")
-    return figure
+        panel.stroke((before, i), (after, i), LINE, 5.0)
+        panel.dot(before, i, BEFORE)
+        panel.dot(after, i, AFTER)
+    legend(drawing, panel.left, [("before", BEFORE), ("after", AFTER)], dots=True)
+    return drawing
 
 
-def _noise_floor(axes: Axes) -> None:
-    axes.axvline(1.0, color=INK, linewidth=0.9, linestyle=(0, (3, 3)))
+def _gaps(drawing: Drawing, names: list[str], values: list[float], top: float) -> Panel:
+    """Rows on a logarithmic axis of gaps, with the noise floor."""
+    ends = (min(0.8, 0.9 * max(min(values), 0.05)), 1.6 * max(*values, 1.2))
+    panel = rows(drawing, names, (names_width(names), WIDTH - 44.0), ends, top=top, logarithmic=True)
+    panel.x_axis("held-out gap [noise floors]; the dashed line is as good as repeating the experiment")
+    panel.upright(1.0, dashed=True)
+    panel.names(names)
+    return panel
 
 
-def _log_gap(axes: Axes, values: list[float]) -> None:
-    """A logarithmic axis of gaps with round numbers."""
-    low, high = min(0.8, 0.9 * max(min(values), 0.05)), 1.6 * max(*values, 1.2)
-    axes.set_xscale("log")
-    axes.set_xlim(low, high)
-    ticks = [m * 10.0**e for e in range(-2, 6) for m in (1, 2, 5)]
-    ticks = [t for t in ticks if low <= t <= high][:: 1 if high / low < 3e3 else 3]
-    axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
-    axes.minorticks_off()
-    axes.set_xlabel(
-        "held-out gap [noise floors]; the dashed line is as good as repeating the experiment", fontsize=9, color=INK
-    )
-
-
-def curves(evidence: Evidence) -> Figure | None:
+def curves(evidence: Evidence) -> Drawing | None:
     """Measured, nominal and corrected, in windows that were not used to fit."""
     if not evidence.curves:
         return None
-    rows, columns = len(evidence.curves), max(len(c) for c in evidence.curves.values())
-    figure = Figure(figsize=(_WIDTH, 0.5 + 1.55 * rows), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False, sharex=True)
+    count = max(len(c) for c in evidence.curves.values())
+    begin, high, below = 72.0, 104.0, 18.0
+    pitch = (WIDTH - begin + 38.0) / count
+    top = LEGEND + 18.0
+    drawing = Drawing("curves", WIDTH, top + (high + below) * len(evidence.curves) - below + AXIS)
     for r, ((name, unit), windows) in enumerate(evidence.curves.items()):
-        for c in range(columns):
-            axes = grid[r, c]
-            if c >= len(windows):
-                axes.axis("off")
-                continue
-            w = windows[c]
-            axes.plot(w.time, w.measured, color=MEASURED, linewidth=5, label="measured", solid_capstyle="round")
-            axes.plot(w.time, w.nominal, color=BEFORE, linewidth=1.6, label="nominal model")
-            axes.plot(w.time, w.after, color=AFTER, linewidth=1.6, label="with what was found")
-            frame_to(axes, w.measured, w.nominal, w.after)
-            calm(axes, "y")
-            axes.tick_params(labelsize=8)
-            if c == 0:
-                axes.set_ylabel(f"{name} [{unit}]" if unit else name, fontsize=9, color=INK)
+        last = r == len(evidence.curves) - 1
+        for c, window in enumerate(windows):
+            place = (begin + c * pitch, top + r * (high + below), pitch - 46.0, high)
+            panel = _window(drawing, place, window)
+            panel.y_axis((f"{name} [{unit}]" if unit else name) if c == 0 else "")
+            panel.x_axis("s" if last else "", grid=False, texts=last)
             if r == 0:
-                axes.set_title(f"from {w.start:.1f} s", fontsize=9, color=QUIET, loc="left")
-            if r == rows - 1:
-                axes.set_xlabel("s", fontsize=9, color=INK)
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, ncols=3, frameon=False, fontsize=9, loc="outside upper right")
-    return figure
+                drawing.text(place[0], top - 13.0, f"from {window.start:.1f} s", size=SMALL, fill=QUIET)
+            for values, colour, width in (
+                (window.measured, MEASURED, 6.0),
+                (window.nominal, BEFORE, 1.8),
+                (window.after, AFTER, 1.8),
+            ):
+                panel.line(window.time, values, colour, width)
+    three_models(drawing, begin, "with what was found")
+    return drawing
 
 
-def frame_to(axes: Axes, *series: Array) -> None:
-    """Let no run-away simulation decide the scale."""
-    measured = series[0][np.isfinite(series[0])]
-    if not len(measured):
-        return
-    low, high = float(measured.min()), float(measured.max())
-    reach = 1.2 * max(high - low, 1e-9)
-    everything = np.concatenate([s[np.isfinite(s)] for s in series])
-    axes.set_ylim(
-        max(float(everything.min()), low - reach) - 0.06 * reach,
-        min(float(everything.max()), high + reach) + 0.06 * reach,
-    )
+def _window(drawing: Drawing, place: tuple[float, float, float, float], window: Curve) -> Panel:
+    span = (float(window.time[0]), float(window.time[-1]))
+    return Panel(drawing, place, span, framed(window.measured, window.nominal, window.after))
 
 
-def isolability(report: Report) -> Figure | None:
+def three_models(drawing: Drawing, left: float, after: str) -> None:
+    """The legend of curves of what was measured and two models."""
+    entries = [("measured", MEASURED), ("nominal model", BEFORE), (after, AFTER)]
+    legend(drawing, left, entries, thick=(6.0, 2.0, 2.0))
+
+
+def isolability(report: Report) -> Drawing | None:
     """Angles between what effects change: small ones cannot be told apart."""
     table = report.get("isolability") or {}
     names = table.get("effects") or []
     if len(names) < 2:
         return None
     values = np.array(table["angle_deg"], float)
-    return _square(values, names, 90.0, COOL, [n["name"] + "@" + n["site"] for n in report["effects"]])
+    np.fill_diagonal(values, np.nan)
+    found = [n["name"] + "@" + n["site"] for n in report["effects"]]
+    return _square("isolability", values, 1.0 - values / 90.0, names, cool, found)
 
 
-def confusion(report: Report) -> Figure | None:
+def confusion(report: Report) -> Drawing | None:
     """Simulated: how often each effect, if it were true, would be given each name."""
     table = (report.get("isolability") or {}).get("confusion") or {}
     names = table.get("effects") or []
     values = np.array(table.get("probability") or [], float)
     if len(names) < 2 or values.shape != (len(names), len(names)):
         return None
-    return _square(100 * values, names, 100.0, HEAT, [])
+    return _square("confusion", 100.0 * values, values, names, heat, [])
 
 
-def _square(values: Array, names: list[str], top: float, colours: Any, bold: list[str]) -> Figure:
-    n = len(names)
-    figure = Figure(figsize=(_WIDTH, min(1.8 + 0.36 * n, 8.0)), layout="constrained")
-    axes = figure.subplots()
-    axes.pcolormesh(values, cmap=colours, vmin=0.0, vmax=top, edgecolors="white", linewidth=1.2)
-    for (i, j), value in np.ndenumerate(values):
-        if i != j or colours is HEAT:
-            dark = value > 0.6 * top if colours is HEAT else value < 0.5 * top
-            axes.text(
-                j + 0.5, i + 0.5, f"{value:.0f}", ha="center", va="center", fontsize=7.5, color="white" if dark else INK
-            )
-    axes.set_xticks(np.arange(n) + 0.5, names, rotation=40, ha="right")
-    axes.set_yticks(np.arange(n) + 0.5, names)
-    for label in (*axes.get_xticklabels(), *axes.get_yticklabels()):
-        label.set_fontweight("bold" if label.get_text() in bold else "normal")
-    axes.invert_yaxis()
-    calm(axes)
-    axes.tick_params(labelsize=8)
-    return figure
+def _square(
+    name: str, values: Array, shares: Array, names: list[str], colour: Callable[[float], str], bold: list[str]
+) -> Drawing:
+    begin = names_width(names, bold=bool(bold))
+    wide, high = min(64.0, (WIDTH - begin) / len(names)), 27.0
+    bottom = TOP + high * len(names)
+    drawing = Drawing(name, WIDTH, bottom + column_room(names, wide))
+    cells(drawing, (begin, TOP, wide * len(names), high * len(names)), values, shares, colour, lambda v: f"{v:.0f}")
+    columns(drawing, begin, bottom, wide, names, bold)
+    _beside(drawing, begin, TOP, high, names, bold)
+    return drawing

@@ -6,7 +6,6 @@ import os
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
 from simgap.data.errors import GapInputError
@@ -14,14 +13,13 @@ from simgap.report import figures, progress
 from simgap.report.evidence import Evidence
 from simgap.report.glossary import GLOSSARY
 from simgap.report.sentences import amount, meaning, number, percent, plain, sentences, title
-from simgap.report.style import svg
+from simgap.report.style import scales
 
 Report = dict[str, Any]
 
 
 def page(report: Report, evidence: Evidence) -> str:
     """The whole page."""
-    matplotlib.use("svg")
     environment = Environment(
         loader=PackageLoader("simgap", "report"),
         undefined=StrictUndefined,
@@ -47,7 +45,8 @@ def page(report: Report, evidence: Evidence) -> str:
         r=report,
         title=title(report),
         sentences=sentences(report),
-        figure={name: svg(f) if f is not None else None for name, f in drawn.items()},
+        figure={name: f.svg() if f is not None else None for name, f in drawn.items()},
+        scales={"light": scales(dark=False), "dark": scales(dark=True)},
         free=progress.free_table(report),
         glossary=GLOSSARY,
         shares=figures.subsystem_shares(report),

@@ -5,20 +5,18 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from simgap.report.evidence import Evidence
-from simgap.report.figures import frame_to
+from simgap.report.figures import three_models
+from simgap.report.plot import AXIS, LEGEND, ROW, TOP, WIDTH, Panel, framed, names_width, rows
 from simgap.report.sentences import plain
-from simgap.report.style import AFTER, BEFORE, INK, LINE, MEASURED, QUIET, calm
+from simgap.report.style import AFTER, BEFORE, INK, LINE, MEASURED, QUIET
+from simgap.report.svg import Drawing
 
 Array = NDArray[np.float64]
 Report = dict[str, Any]
 
-_WIDTH = 9.0
-"""[in]"""
 _SHOWN = 20.0
 """[s] of a free run that are drawn."""
 _STEPS = {
@@ -28,90 +26,103 @@ _STEPS = {
 }
 
 
-def waterfall(report: Report) -> Figure | None:
+def waterfall(report: Report) -> Drawing:
     """From the nominal model to what remains: held-out gap on the left, free-running error on the right."""
     steps = report["waterfall"]
-    figure = Figure(figsize=(_WIDTH, 0.9 + 0.42 * len(steps)), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": [1.25, 1.0]})
-    _bars(left, [float(s["gap"]) for s in steps])
-    _relative(right, [s["free_running"] for s in steps])
-    left.set_yticks(range(len(steps)), [_STEPS.get(s["step"]) or "+ " + plain(s["step"]) for s in steps])
-    left.set_ylim(len(steps) - 0.4, -0.6)
-    return figure
+    names = [_STEPS.get(s["step"]) or "+ " + plain(s["step"]) for s in steps]
+    begin = names_width(names)
+    middle = begin + 0.56 * (WIDTH - begin)
+    drawing = Drawing("waterfall", WIDTH, TOP + ROW * len(steps) + AXIS)
+    gaps = [float(s["gap"]) for s in steps]
+    left = rows(drawing, names, (begin, middle - 20.0), (0.0, 1.14 * max(*gaps, 1.2)))
+    left.x_axis("held-out gap [noise floors]")
+    left.names(names)
+    _bars(left, gaps)
+    errors = [_relative(s["free_running"], steps[0]["free_running"]) for s in steps]
+    far = max((r for row in errors for r in row), default=100.0)
+    right = rows(drawing, names, (middle + 20.0, WIDTH - 14.0), (0.0, 1.05 * max(far, 100.0)))
+    right.x_axis("free-running error [% of nominal]")
+    _dots(right, errors)
+    return drawing
 
 
-def _bars(axes: Axes, gaps: list[float]) -> None:
+def _bars(panel: Panel, gaps: list[float]) -> None:
     """Each bar reaches from where the step before ended to where it ends; the first and the last from zero."""
     last = len(gaps) - 1
     for i, gap in enumerate(gaps):
         begin = 0.0 if i in (0, last) else gaps[i - 1]
-        colour = BEFORE if i == 0 else QUIET if i == last else AFTER
-        axes.barh(i, gap - begin, left=begin, height=0.56, color=colour)
         if 0 < i < last:
-            axes.plot([begin, begin], [i - 0.72, i], color=LINE, linewidth=1.0, zorder=0)
+            panel.stroke((begin, i - 0.7), (begin, i), LINE, 1.2)
+        panel.bar(begin, gap, i, BEFORE if i == 0 else QUIET if i == last else AFTER)
         # At the end that the step leads to, where there is room.
         inside = 0 < i < last and min(gap, begin) > 0.15 * max(gaps)
-        at, side, way = (min(gap, begin), -6, "right") if inside else (max(gap, begin), 6, "left")
-        axes.annotate(
-            f"{gap:.1f}", (at, i), (side, 0), textcoords="offset points", ha=way, va="center", fontsize=9, color=INK
-        )
-    axes.axvline(1.0, color=INK, linewidth=0.9, linestyle=(0, (3, 3)))
-    axes.set_xlim(0.0, 1.14 * max(*gaps, 1.2))
-    axes.set_xlabel("held-out gap [noise floors]", fontsize=9, color=INK)
-    calm(axes, "x")
+        panel.note(min(gap, begin) if inside else max(gap, begin), i, f"{gap:.1f}", -7.0 if inside else 7.0)
+    panel.upright(1.0, dashed=True)
 
 
-def _relative(axes: Axes, errors: list[dict[str, float | None]]) -> None:
-    """Free-running error in percent of the nominal model's: a dot for each channel, a bar for their median."""
-    for i, row in enumerate(errors):
-        ratios = [
-            100.0 * value / before
-            for name, value in row.items()
-            if value is not None and (before := errors[0].get(name)) and np.isfinite(value) and np.isfinite(before)
-        ]
+def _relative(errors: dict[str, float | None], nominal: dict[str, float | None]) -> list[float]:
+    """Free-running error in percent of the nominal model's, of the channels where neither broke down."""
+    return [
+        100.0 * value / before
+        for name, value in errors.items()
+        if value is not None and (before := nominal.get(name)) and np.isfinite(value) and np.isfinite(before)
+    ]
+
+
+def _dots(panel: Panel, errors: list[list[float]]) -> None:
+    """A dot for each channel, a bar for their median."""
+    for i, ratios in enumerate(errors):
+        for ratio in ratios:
+            panel.dot(ratio, i, AFTER if i else BEFORE, 4.0, opacity=0.55)
         if ratios:
-            axes.plot(ratios, np.full(len(ratios), i), "o", color=AFTER if i else BEFORE, markersize=5, alpha=0.55)
             middle = float(np.median(ratios))
-            axes.plot([middle, middle], [i - 0.28, i + 0.28], color=INK, linewidth=2.0)
+            panel.stroke((middle, i - 0.28), (middle, i + 0.28), INK, 2.4)
         else:
-            axes.annotate("breaks down", (0.0, i), (6, 0), textcoords="offset points", va="center", fontsize=9)
-    axes.set_xlim(left=0.0)
-    axes.set_xlabel("free-running error [% of nominal]", fontsize=9, color=INK)
-    calm(axes, "x")
+            panel.note(0.0, i, "breaks down")
 
 
-def free_curves(evidence: Evidence) -> Figure | None:
+def free_curves(evidence: Evidence) -> Drawing | None:
     """Measured, nominal and diagnosed over one free run, each channel with its errors below."""
     curves = evidence.free
     if not curves:
         return None
-    count = len(curves)
-    figure = Figure(figsize=(_WIDTH, 0.6 + 2.5 * count), layout="constrained")
-    grid = figure.subplots(2 * count, 1, squeeze=False, sharex=True, gridspec_kw={"height_ratios": [1.6, 1.0] * count})
+    begin, high, low, between = 72.0, 140.0, 84.0, 20.0
+    pitch = high + low + 2.0 * between
+    drawing = Drawing("free", WIDTH, LEGEND + pitch * len(curves) - between + AXIS)
     for i, curve in enumerate(curves):
-        axes, below = grid[2 * i, 0], grid[2 * i + 1, 0]
+        top = LEGEND + i * pitch
         time = curve.time - curve.time[0, 0]
-        shown = time <= _SHOWN
-        at = _broken(time)
+        at, shown = _broken(time), time <= _SHOWN
         measured, nominal, diagnosed = (
             _broken(np.where(shown, v, np.nan)) for v in (curve.measured, curve.nominal, curve.diagnosed)
         )
-        axes.plot(at, measured, color=MEASURED, linewidth=5, label="measured", solid_capstyle="round")
-        axes.plot(at, nominal, color=BEFORE, linewidth=1.4, label="nominal model")
-        axes.plot(at, diagnosed, color=AFTER, linewidth=1.4, label="diagnosed model")
-        frame_to(axes, measured, nominal, diagnosed)
+        span = (0.0, min(float(np.nanmax(time)), _SHOWN))
         small, unit = (1e3, "m" + curve.unit) if curve.unit in ("rad", "m") else (1.0, curve.unit)
-        below.axhline(0.0, color=MEASURED, linewidth=3)
-        below.plot(at, small * (measured - nominal), color=BEFORE, linewidth=1.0)
-        below.plot(at, small * (measured - diagnosed), color=AFTER, linewidth=1.0)
-        for part, label in ((axes, f"{curve.channel} [{curve.unit}]"), (below, f"error [{unit}]")):
-            calm(part, "y")
-            part.tick_params(labelsize=8)
-            part.set_ylabel(label.replace(" [1]", ""), fontsize=9, color=INK)
-    grid[-1, 0].set_xlabel("s", fontsize=9, color=INK)
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, ncols=3, frameon=False, fontsize=9, loc="outside upper right")
-    return figure
+        errors = [small * (measured - v) for v in (nominal, diagnosed)]
+        above = Panel(drawing, (begin, top, WIDTH - begin - 8.0, high), span, framed(measured, nominal, diagnosed))
+        below = Panel(
+            drawing, (begin, top + high + between, WIDTH - begin - 8.0, low), span, _around(errors, small * measured)
+        )
+        for panel, label in ((above, f"{curve.channel} [{curve.unit}]"), (below, f"error [{unit}]")):
+            panel.y_axis(label.replace(" [1]", ""))
+            last = i == len(curves) - 1 and panel is below
+            panel.x_axis("s" if last else "", grid=False, texts=last)
+        above.line(at, measured, MEASURED, 6.0)
+        below.stroke((span[0], 0.0), (span[1], 0.0), MEASURED, 3.0)
+        for panel, pair in ((above, [nominal, diagnosed]), (below, errors)):
+            for values, colour in zip(pair, (BEFORE, AFTER), strict=True):
+                panel.line(at, values, colour, 1.5 if panel is above else 1.2)
+    three_models(drawing, begin, "diagnosed model")
+    return drawing
+
+
+def _around(errors: list[Array], measured: Array) -> tuple[float, float]:
+    """From where to where errors are shown: all of them, and zero, but no further than the motion itself reaches."""
+    known = np.concatenate([e[np.isfinite(e)] for e in errors] + [np.zeros(1)])
+    reach = 1.2 * float(np.ptp(measured[np.isfinite(measured)])) if np.isfinite(measured).any() else 1.0
+    low, high = max(float(known.min()), -reach), min(float(known.max()), reach)
+    edge = 0.06 * (high - low) or 1.0
+    return low - edge, high + edge
 
 
 def _broken(values: Array) -> Array:

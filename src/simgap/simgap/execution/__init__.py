@@ -1,0 +1,1 @@
+"""Where jobs run: processes of this machine, or the workers of a Dask scheduler."""
