@@ -47,7 +47,7 @@ further effect is looked for."""
 
 _FAR_BEHIND = 5.0
 """Times what a further effect must earn [nats] by which, in sample, a set without one of its effects is hopeless."""
-_BEHIND = 0.7
+_BEHIND = 0.9
 """Share of what the causes earn that single parts speak for together: of a single effect that earns less, no search
 begins. Where the truth is one effect, it earns about all of it."""
 REPEATED = 1.0
@@ -212,7 +212,8 @@ class Selector:
             singles, winner = self._followed(singles, winner, reference)
             winner = self._restarted(winner)
             result = self._found = self._forward(result, singles, winner, screened)
-            if self.scores.typical(result.best.fit.held) > ENOUGH:
+            overtaken = begun is not None and self._better(begun, result)
+            if self.scores.typical(result.best.fit.held) > ENOUGH and not overtaken:
                 result = self._begun_elsewhere(result, screened)
         else:
             if self.scores.worst_channel(reference.fit.held) > UNEXPLAINED:
