@@ -1,8 +1,9 @@
 """Dead reckoning from legs and IMU: a foot on the ground stays where it is, so the body moves against it.
 
-The mouse has no contact switches; a foot counts as standing while it is about as low as the lowest one, with the body
-tilted as the IMU says. Slipping feet are not noticed: the position drifts with the distance walked, the heading only
-with the IMU.
+The mouse has no contact switches; a foot counts as standing while it is as low as the lowest one, with the body tilted
+as the IMU says. Knees give way under load, which servos do not see, so feet that swing are not much higher than that:
+a wide band of heights would take them for standing and find less than half of the way. Slipping feet are not noticed:
+the position drifts with the distance walked, the heading only with the IMU.
 """
 
 from __future__ import annotations
@@ -23,8 +24,9 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 """(w, x, y, z)."""
 
-STANDING_WITHIN = 0.002
-"""Height above the lowest foot within which a foot stands [m]: a fifth of the swing amplitude of N table A.7."""
+STANDING_WITHIN = 1e-4
+"""Height above the lowest foot within which a foot stands [m]: no more than feet of equal height differ by. On the twin
+dead reckoning then finds 0.96 to 1.24 of the way of all gaits; with 0.5 mm 0.4 to 1.2, with 2 mm 0.4 to 0.5."""
 VELOCITY_TIME_CONSTANT = 0.1
 """Of the low pass on the velocities [s]."""
 
@@ -62,7 +64,6 @@ class LegOdometry:
         self._first_yaw: float | None = None
         self._last_stamp: int | None = None
         self._feet: list[Vector] = []
-        self._standing: list[bool] = []
         self._velocity = (0.0, 0.0)
         self._turn_rate = 0.0
 
@@ -94,7 +95,7 @@ class LegOdometry:
             self._move(feet, standing, math.remainder(yaw - self._yaw, math.tau), elapsed)
         else:
             self._velocity, self._turn_rate = (0.0, 0.0), 0.0
-        self._feet, self._standing, self._yaw = feet, standing, yaw
+        self._feet, self._yaw = feet, yaw
 
         vx, vy = self._velocity
         cos, sin = math.cos(yaw), math.sin(yaw)
@@ -135,14 +136,11 @@ class LegOdometry:
     def _move(self, feet: list[Vector], standing: list[bool], turned: float, elapsed: float) -> None:
         steps = [
             (before[0] - now[0], before[1] - now[1])
-            for before, now, stood, stands in zip(self._feet, feet, self._standing, standing, strict=True)
-            if stood and stands
+            for before, now, stands in zip(self._feet, feet, standing, strict=True)
+            if stands
         ]
-        if steps:
-            dx = sum(step[0] for step in steps) / len(steps)
-            dy = sum(step[1] for step in steps) / len(steps)
-        else:
-            dx, dy = self._velocity[0] * elapsed, self._velocity[1] * elapsed
+        dx = sum(step[0] for step in steps) / len(steps)
+        dy = sum(step[1] for step in steps) / len(steps)
         self._x += dx
         self._y += dy
         share = elapsed / (VELOCITY_TIME_CONSTANT + elapsed)
