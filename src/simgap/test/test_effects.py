@@ -12,8 +12,9 @@ import pytest
 from robots import ARM, LEG, MODELS, aligned_of, simulate
 
 from simgap.data.errors import GapInputError
-from simgap.data.plant import Plant
-from simgap.effects.base import Context, Effect, Site, group_names
+from simgap.data.mapping import parse_map
+from simgap.data.plant import Plant, build_plant
+from simgap.effects.base import Context, Effect, Site, group_names, named_sites
 from simgap.effects.body import shift_com
 from simgap.effects.contact import GravityLean, GroundSlope
 from simgap.effects.friction import CoulombFriction, StribeckFriction
@@ -22,7 +23,7 @@ from simgap.effects.tendon import TendonFriction
 from simgap.inference.nuisance import apply_nuisances, enumerate_nuisances
 from simgap.simulation.contacts import soften_onset
 from simgap.simulation.replay import Replayer
-from simgap.simulation.scales import measure_scales
+from simgap.simulation.scales import Scales, measure_scales
 from simgap.simulation.variant import FrictionPath, Variant
 from simgap.simulation.windows import cut
 
@@ -270,3 +271,25 @@ def test_firm_friction_holds_what_is_smaller(
     for _ in range(1000):
         mujoco.mj_step(model, data)
     assert least <= data.qpos[0] <= most
+
+
+_HIPS = (("q", "left"), ("p", "right"))
+
+
+def test_what_no_channel_tells_anything_of_is_no_site() -> None:
+    # Two legs on a fixed trunk, of which one is recorded: "all" joints are those of that leg.
+    leg = '<body pos="{x} 0 1"><joint name="{n}_hip" axis="0 1 0"/><geom size=".05" mass="1"/></body>'
+    legs = "".join(leg.format(x=x, n=n) for x, n in ((0, "left"), (1, "right")))
+    servos = "".join(f'<position name="{n}" joint="{n}_hip" kp="5" kv=".3"/>' for n in ("left", "right"))
+    xml = f"<mujoco><worldbody>{legs}</worldbody><actuator>{servos}</actuator></mujoco>"
+    rows: dict[str, object] = {
+        "time": {"column": "t", "unit": "s"},
+        "inputs": [{"column": "u", "unit": "rad", "actuator": "left", "kind": "position"}],
+        "outputs": [{"column": "q", "unit": "rad", "joint": "left_hip", "quantity": "position"}],
+    }
+    one = Context(build_plant(mujoco.MjSpec.from_string(xml), parse_map(rows)), cast(Scales, None))
+    assert [s.name for s in named_sites(one, mujoco.mjtObj.mjOBJ_JOINT, [0, 1])] == ["left_hip"]
+    assert [s.name for s in named_sites(one, mujoco.mjtObj.mjOBJ_BODY, [1, 2])] == ["body_1"]
+    rows["outputs"] = [{"column": c, "unit": "rad", "joint": f"{j}_hip", "quantity": "position"} for c, j in _HIPS]
+    both = Context(build_plant(mujoco.MjSpec.from_string(xml), parse_map(rows)), cast(Scales, None))
+    assert [s.name for s in named_sites(both, mujoco.mjtObj.mjOBJ_JOINT, [0, 1])] == ["left_hip", "right_hip", "all"]

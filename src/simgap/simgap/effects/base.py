@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar
 
 import mujoco
@@ -23,6 +24,7 @@ Obj = mujoco.mjtObj
 FEW_JOINTS, SEVERAL_JOINTS = 4, 12
 """A robot with no more joints gets values of their own in a group; the second where nothing touches the ground, which
 makes replays cheap."""
+_AT_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -87,6 +89,46 @@ class Context:
     def model(self) -> mujoco.MjModel:
         """The nominal model."""
         return self.plant.model
+
+    def seen(self, kind: mujoco.mjtObj, index: int) -> bool:
+        """Whether a recording can say anything of an object: its kinematic tree is driven or measured somewhere.
+
+        What belongs to no tree (the ground) or to several (a tendon) is always looked at.
+        """
+        tree = _tree(self.model, kind, index)
+        return tree < 0 or not self._trees or tree in self._trees
+
+    @cached_property
+    def _trees(self) -> frozenset[int]:
+        """Trees with a channel."""
+        model, found = self.model, set()
+        for told in self.plant.inputs:
+            by_actuator = told.actuator >= 0
+            found.add(
+                _tree(model, Obj.mjOBJ_ACTUATOR, told.actuator) if by_actuator else int(model.dof_treeid[told.dof])
+            )
+        for output in self.plant.outputs:
+            sensor = model.sensor(output.sensor).id
+            kind = mujoco.mjtObj(int(model.sensor_objtype[sensor]))
+            found.add(_tree(model, kind, int(model.sensor_objid[sensor])))
+        # What cannot be placed may be moved by anything.
+        return frozenset() if -1 in found else frozenset(found)
+
+
+def _tree(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> int:
+    """Kinematic tree of an object; -1 of what belongs to none, or to several."""
+    body = -1
+    if kind == Obj.mjOBJ_JOINT:
+        body = int(model.jnt_bodyid[index])
+    elif kind in (Obj.mjOBJ_BODY, Obj.mjOBJ_XBODY):
+        body = index
+    elif kind == Obj.mjOBJ_GEOM:
+        body = int(model.geom_bodyid[index])
+    elif kind == Obj.mjOBJ_SITE:
+        body = int(model.site_bodyid[index])
+    elif kind == Obj.mjOBJ_ACTUATOR and int(model.actuator_trntype[index]) in _AT_JOINT:
+        body = int(model.jnt_bodyid[model.actuator_trnid[index, 0]])
+    return int(model.body_treeid[body]) if body >= 0 else -1
 
 
 class Effect(ABC):
@@ -158,8 +200,8 @@ class Effect(ABC):
 
 
 def named_sites(context: Context, kind: mujoco.mjtObj, indices: Iterable[int], together: bool = True) -> list[Site]:
-    """One site for each object, one for each group that holds several of them, and ``all``."""
-    names, chosen = model_names(context.model, kind), sorted(set(indices))
+    """One site for each object that a recording sees, one for each group that holds several of them, and ``all``."""
+    names, chosen = model_names(context.model, kind), sorted(i for i in set(indices) if context.seen(kind, i))
     sites = [Site(names[i], (i,)) for i in chosen]
     if together and len(chosen) > 1:
         seen = {tuple(chosen)}
