@@ -25,8 +25,8 @@ from nermo_bringup.launch.description import load
 from nermo_bringup.launch.executables import find_launch_file
 from nermo_bringup.launch.running_graph import STARTUP_S, Graph, running_graph
 from nermo_bringup.recording.taps import dated_directory
-from nermo_bringup.teleop.driver import Driver, Limits
 from nermo_bringup.teleop.keyboard import KeyboardError, KeyMapping, raw_terminal, read_keys
+from nermo_control.driver import Driver, Limits
 from nermo_description.invocation import called, run_line
 from nermo_description.results import CommandError
 

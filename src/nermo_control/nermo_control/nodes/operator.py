@@ -10,7 +10,7 @@ from rclpy.task import Future
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from nermo_bringup.teleop.driver import Driver
+from nermo_control.driver import Driver
 from nermo_control.nodes.conversions import control_command_to_message
 from nermo_control.types import ControlCommand
 from nermo_interfaces.msg import ControlCommand as ControlCommandMessage
