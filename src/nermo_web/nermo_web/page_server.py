@@ -7,6 +7,7 @@ one place that judges who may come in.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import hmac
 import http
 import mimetypes
@@ -267,10 +268,8 @@ async def _carry(source: ServerConnection, target: ServerConnection) -> None:
 
 
 async def _send(line: ServerConnection, text: str) -> None:
-    try:
+    with contextlib.suppress(ConnectionClosed):
         await line.send(text)
-    except ConnectionClosed:
-        pass
 
 
 def _viser_protocol(line: ServerConnection, offered: list[Subprotocol]) -> Subprotocol | None:

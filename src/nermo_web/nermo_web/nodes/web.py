@@ -7,7 +7,7 @@ import sys
 import time
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
