@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -122,11 +123,9 @@ class ServoJoints:
     def __init__(self, robot: RobotParameters) -> None:
         self._robot = robot
         self._lateral = SpineTendon(robot.spine, robot.servos["spine_lateral"].neutral)
-        vertical = robot.servos.get("spine_vertical")
+        vertical, offset = robot.servos.get("spine_vertical"), robot.spine_dynamics.lumbar_tendon_offset
         self._lumbar = (
-            None
-            if vertical is None
-            else LumbarTendon(robot.spine, robot.spine_dynamics.lumbar_tendon_offset, vertical.neutral)
+            None if vertical is None or offset is None else LumbarTendon(robot.spine, offset, vertical.neutral)
         )
         self._legs = {
             leg: leg_kinematics(*((robot.front_leg, "front") if leg.startswith("front") else (robot.rear_leg, "rear")))
@@ -171,7 +170,7 @@ def _parts(model: mujoco.MjModel) -> list[Part]:
         meshes.setdefault((int(model.geom_bodyid[geom]), (red, green, blue)), []).append(mesh)
     parts = []
     for (body, colour), several in meshes.items():
-        whole = trimesh.util.concatenate(several)
+        whole: Any = trimesh.util.concatenate(several)
         vertices, faces = np.asarray(whole.vertices, np.float32), np.asarray(whole.faces, np.uint32)
         parts.append(Part(model.body(body).name, vertices, faces, colour))
     return parts

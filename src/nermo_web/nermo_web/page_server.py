@@ -16,13 +16,14 @@ import threading
 import time
 import urllib.parse
 import urllib.request
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from http.cookies import CookieError, SimpleCookie
 from importlib.resources import files
 from queue import SimpleQueue
 from typing import NamedTuple
 
 from websockets.asyncio.client import connect
+from websockets.asyncio.connection import Connection
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed, WebSocketException
@@ -262,7 +263,7 @@ class PageServer:
         return "refused: open the whole address that was printed, with its token"
 
 
-async def _carry(source: ServerConnection, target: ServerConnection) -> None:
+async def _carry(source: Connection, target: Connection) -> None:
     async for message in source:
         await target.send(message)
 
@@ -272,7 +273,7 @@ async def _send(line: ServerConnection, text: str) -> None:
         await line.send(text)
 
 
-def _viser_protocol(line: ServerConnection, offered: list[Subprotocol]) -> Subprotocol | None:
+def _viser_protocol(line: ServerConnection, offered: Sequence[Subprotocol]) -> Subprotocol | None:
     return next((one for one in offered if one.startswith("viser-")), None)
 
 

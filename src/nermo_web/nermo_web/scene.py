@@ -16,10 +16,10 @@ GROUND_M = 3.0
 """Edge of the piece of ground that is drawn; it comes along in whole cells."""
 CELL_M, SECTION_M = 0.02, 0.1
 TRAIL_HEIGHT_M = 0.0005
-METRE_PER_NEWTON = 0.08
-"""Length of a force's arrow: a foot carries some tenths of a newton."""
+METRE_PER_NEWTON = 0.03
+"""Length of a force's arrow: a foot carries some newtons at most."""
 LEAST_FORCE_N = 0.01
-TENDON, FORCE, WAY = (242, 191, 51), (220, 60, 60), (40, 110, 200)
+TENDON, FORCE, WAY = (214, 140, 0), (200, 0, 0), (20, 80, 190)
 """Colours."""
 
 
@@ -32,8 +32,8 @@ class Scene:
             self._server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
         server = self._server
         server.gui.configure_theme(show_logo=False, show_share_button=False)
-        server.initial_camera.position = (0.22, -0.26, 0.17)
-        server.initial_camera.look_at = (-0.03, 0.0, 0.02)
+        server.initial_camera.position = (0.27, -0.36, 0.2)
+        server.initial_camera.look_at = (-0.02, 0.0, 0.0)
         server.initial_camera.near = 0.005
         server.initial_camera.fov = 0.7
         self._ground = server.scene.add_frame("/ground", show_axes=False)
@@ -57,7 +57,7 @@ class Scene:
         self._tendons = server.scene.add_line_segments("/ground/tendons", nothing, TENDON, thickness=0.0008)
         self._way = server.scene.add_line_segments("/ground/way", nothing, WAY, thickness=0.002)
         self._forces = server.scene.add_arrows(
-            "/ground/forces", nothing, FORCE, shaft_radius=0.0012, head_radius=0.003, head_length=0.006
+            "/ground/forces", nothing, FORCE, shaft_radius=0.0009, head_radius=0.0025, head_length=0.006
         )
 
     @property

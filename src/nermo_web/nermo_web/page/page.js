@@ -264,4 +264,13 @@ function filter() {
 }
 $("filter").addEventListener("input", filter);
 
+// --- The scene: of viser's own page only the picture is shown, its panel and its notes are not for drivers
+
+const ONLY_THE_PICTURE = `.mantine-Notifications-root, .mantine-Paper-root, [data-portal],
+  [data-dock-root] > :not(:first-child) { display: none !important; }`;
+$("scene").addEventListener("load", () => {
+  const inside = $("scene").contentDocument;
+  inside.head.append(Object.assign(inside.createElement("style"), { textContent: ONLY_THE_PICTURE }));
+});
+
 open();
