@@ -38,15 +38,16 @@ class Lateness:
 class _Viewer:
     lateness: Lateness
     spent: int = 0
-    """Presses up to this one drive no more: they ended by silence, a stop or a refusal."""
+    """Presses up to this one drive no more: they ended, by the hand, a stop or a refusal."""
 
 
 class Cockpit:
     """The page's one source of commands, whoever looks at it.
 
     The first viewer to press the stick drives until it has been let go for `silence.OWNER`. The stick counts only while
-    its messages come: after `timeout` without one, one command that stops is given and then none, and the same press
-    does not go on, however the messages come back. What is later than `timeout` counts as if it had not come.
+    its messages come: after `timeout` without one, one command that stops is given and then none, until fresh ones come
+    of a hand that still presses. What is later than `timeout` counts as if it had not come. A press that has met a stop
+    or another driver drives no more.
     """
 
     def __init__(self, driver: Driver, timeout: float = STICK.after) -> None:
@@ -79,7 +80,7 @@ class Cockpit:
     def who_drives(self, now: float) -> int | None:
         """The viewer who drives, and a moment longer."""
         if self._press and now - self._heard > self._timeout:
-            self._let_go(self._heard + self._timeout)
+            self._press, self._heard = 0, self._heard + self._timeout
         if not self._press and now - self._heard > OWNER.after:
             self._holder = None
         return self._holder
