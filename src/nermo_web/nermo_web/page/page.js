@@ -232,19 +232,21 @@ function makeRow(group, node, { name, type, text, lower, upper }) {
   else { entry.type = "text"; label.append(entry); }
   entry.dataset.parameter = `${node}/${name}`;
   const read = (value) => type === "numbers" ? value.split(",").map(Number) : number ? (value === "" ? null : Number(value)) : value;
-  entry.addEventListener("change", () => { touch(label); tell(type === "bool" ? entry.checked : read(entry.value)); });
-  entry.addEventListener("input", () => touch(label));
+  let typing = false;  // what is half written is not written over
+  entry.addEventListener("input", () => { typing = true; });
+  entry.addEventListener("blur", () => { typing = false; });
+  entry.addEventListener("change", () => { typing = false; tell(type === "bool" ? entry.checked : read(entry.value)); });
   if (number && lower != null && upper != null) {
     const slider = Object.assign(document.createElement("input"), { type: "range", min: lower, max: upper, step: type === "integer" ? 1 : "any" });
     slider.dataset.slider = `${node}/${name}`;
-    slider.addEventListener("input", () => { touch(label); entry.value = short(Number(slider.value)); });
-    slider.addEventListener("change", () => { touch(label); tell(Number(short(Number(slider.value)))); });
+    slider.addEventListener("input", () => { typing = true; entry.value = short(Number(slider.value)); });
+    slider.addEventListener("change", () => { typing = false; tell(Number(short(Number(slider.value)))); });
     label.append(slider);
     inputs.push(slider);
   }
   group.append(label);
   const show = (value) => {
-    if (document.activeElement === entry && !atRest(label)) return;
+    if (typing) return;
     for (const input of inputs) {
       if (type === "bool") input.checked = value;
       else input.value = value === null ? "" : type === "number" ? short(value) : String(value);
