@@ -12,7 +12,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from nermo_description.robots import load_any_robot
-from nermo_web.door import LONGEST_TEXT, MOST_MESSAGES
+from nermo_web.door import LONGEST_TEXT
 from nermo_web.figure import Figure
 from nermo_web.page_server import Event, PageServer
 from nermo_web.scene import Scene
