@@ -31,7 +31,10 @@ PATIENCE_S = 90.0
 SMALL = {"width": 800, "height": 420}
 """Drawn by the processor, a larger picture takes longer than the stick may be silent."""
 
-pytestmark = pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="no Chromium or Chrome")
+pytestmark = [
+    pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="no Chromium or Chrome"),
+    pytest.mark.timeout(900),
+]
 
 
 class Graph:
@@ -103,6 +106,7 @@ def browser() -> Iterator[Browser]:
 def open_page(graph: Graph, browser: Browser, scene: bool = True) -> Page:
     """The page, connected and with its settings; without the scene where that is not looked at, which takes long."""
     page = browser.new_context(viewport=SMALL).new_page()
+    page.set_default_timeout(1e3 * PATIENCE_S)
     if not scene:
         page.route("**/3d/", lambda route: route.abort())
     page.goto(graph.address)

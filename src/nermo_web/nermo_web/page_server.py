@@ -38,6 +38,9 @@ SCENE, LINE = "/3d/", "/line"
 START_S = 10.0
 PING_S = 5.0
 """A browser that does not answer for so long is gone."""
+ONLY_THE_PICTURE = b"""<style>.mantine-Notifications-root, .mantine-Paper-root, [data-portal],
+[data-dock-root] > :not(:first-child) { display: none !important; }</style>"""
+"""Of viser's own page only the picture is shown: its panel and its notes are not for drivers."""
 VISER_BYTES = 50 * 1024 * 1024
 """The longest message of viser, as viser has it."""
 MOST_BEHIND = 64 * 1024
@@ -133,7 +136,8 @@ class PageServer:
         self._end = asyncio.Event()
         self._tasks: set[asyncio.Future[None]] = set()
         address = f"http://127.0.0.1:{self._scene_port}/"
-        self._scene_page = await asyncio.to_thread(_get, address)
+        before, end, after = (await asyncio.to_thread(_get, address)).rpartition(b"</head>")
+        self._scene_page = before + ONLY_THE_PICTURE + end + after
         server: Server
         async with serve(
             self._connected,
@@ -229,7 +233,7 @@ class PageServer:
                 ("Content-Length", str(len(body))),
                 ("Cache-Control", "no-cache"),
                 ("X-Content-Type-Options", "nosniff"),
-                ("X-Frame-Options", "SAMEORIGIN"),
+                ("Content-Security-Policy", f"frame-ancestors 'self' {self._other_names}"),
                 ("Referrer-Policy", "no-referrer"),
                 ("Connection", "close"),
             ]
@@ -238,6 +242,11 @@ class PageServer:
             # The page's own requests, those of viser's page among them, bring it along by themselves.
             headers["Set-Cookie"] = f"{self._cookie}={self._token}; HttpOnly; SameSite=Strict; Path=/"
         return Response(200, "OK", headers, body)
+
+    @property
+    def _other_names(self) -> str:
+        """Pages of this machine itself, which may show the scene under its other name."""
+        return " ".join(f"http://{name}:{self.port}" for name in ("127.0.0.1", "localhost"))
 
     @property
     def _cookie(self) -> str:

@@ -266,13 +266,10 @@ function filter() {
 }
 $("filter").addEventListener("input", filter);
 
-// --- The scene: of viser's own page only the picture is shown, its panel and its notes are not for drivers
+// --- The scene, as a page of another name where this machine has two: browsers give it a process of its own then, and
+// drawing, which is slow without a graphics card, does not hold up the stick
 
-const ONLY_THE_PICTURE = `.mantine-Notifications-root, .mantine-Paper-root, [data-portal],
-  [data-dock-root] > :not(:first-child) { display: none !important; }`;
-$("scene").addEventListener("load", () => {
-  const inside = $("scene").contentDocument;
-  inside.head.append(Object.assign(inside.createElement("style"), { textContent: ONLY_THE_PICTURE }));
-});
+const OTHER_NAME = { "127.0.0.1": "localhost", localhost: "127.0.0.1" }[location.hostname] ?? location.hostname;
+$("scene").src = `//${OTHER_NAME}:${location.port}/3d/`;
 
 open();
