@@ -302,8 +302,9 @@ def _listening(host: str, port: int) -> socket.socket:
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, port), family=family)
-    except (OSError, OverflowError) as error:
-        raise ValueError(f"the page cannot be on {host}:{port}: {error}") from None
+    except OSError as error:
+        why = str(error.strerror).partition(" (")[0].lower()
+        raise ValueError(f"the page cannot be on {host}:{port}: {why}; name another port, or 0 for any") from None
 
 
 def _own_names() -> list[str]:

@@ -61,7 +61,7 @@ class Web(Node):
         with blame("scene"):
             self._view = View(self, robot, parameters.scene, self._refused.add_one)
         token = "" if parameters.host in LOOPBACK else secrets.token_urlsafe(16)
-        with blame("host"):
+        with blame("host or port"):
             self._page = PageServer(parameters.host, parameters.port, token, self._view.scene.port)
         self._commanded_at = self._said_stop_at = 0.0
         self._news = True
