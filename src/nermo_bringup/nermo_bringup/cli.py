@@ -106,6 +106,11 @@ def up(
         str, typer.Option(help="sim: the MuJoCo twin. serial: the robot at a cable. link: over Wi-Fi.")
     ] = "sim",
     record: Annotated[str, typer.Option(metavar="DIR", help="Record every topic into this folder.")] = "",
+    web: Annotated[bool, typer.Option("--web", help="See and drive the mouse in the browser.")] = False,
+    web_host: Annotated[
+        str, typer.Option(metavar="HOST", help="With --web: 0.0.0.0 opens the page to who has its token.")
+    ] = "127.0.0.1",
+    web_port: Annotated[int, typer.Option(metavar="PORT", help="With --web: where the page is.")] = 8080,
     network: NetworkOption = None,
     arguments: Annotated[list[str] | None, typer.Argument(metavar="[NAME:=VALUE]...")] = None,
 ) -> None:
@@ -117,11 +122,13 @@ def up(
     nermo up
     nermo up --robot nermo --record recordings/today
     nermo up --robot cheetah_cub
+    nermo up --web
     nermo up teleop:=none real_time_factor:=0.5
     """
     from nermo_bringup.launch.command import bring_up
 
-    raise typer.Exit(bring_up(robot, target, record, arguments or [], network))
+    page = [f"web:={str(web).lower()}", f"web_host:={web_host}", f"web_port:={web_port}"] if web else []
+    raise typer.Exit(bring_up(robot, target, record, [*page, *(arguments or [])], network))
 
 
 @app.command(context_settings=_PASS_ON, add_help_option=False)

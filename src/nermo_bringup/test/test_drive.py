@@ -17,8 +17,8 @@ from rich.console import Console
 from nermo_bringup.drive import display
 from nermo_bringup.drive.odometer import COASTING_S, Odometer
 from nermo_bringup.drive.session import Keys
-from nermo_bringup.teleop.driver import Driver, Limits
 from nermo_bringup.teleop.keyboard import raw_terminal
+from nermo_control.driver import Driver, Limits
 from nermo_control.types import Posture
 
 TICK_S = 0.005

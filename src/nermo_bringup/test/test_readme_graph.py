@@ -33,6 +33,7 @@ LIVE = [
 READ_ONLY = [
     "./nermo demo",  # run with --quick by test_demo.py
     "./nermo test",  # that is us
+    "./nermo up --web",  # test_web_graph.py
     "./nermo up",  # the live one without a recording
     "./nermo experiment straight-line --quick",  # minutes
     "./nermo calibrate --quick",  # many minutes

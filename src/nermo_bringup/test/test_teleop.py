@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nermo_bringup.teleop.driver import SPEED_STEPS, Driver, Limits
 from nermo_bringup.teleop.keyboard import HOLD_S, KeyboardError, KeyMapping, raw_terminal, read_keys
 from nermo_bringup.teleop.mapping import PadMapping
 from nermo_bringup.teleop.pads import load_pad
+from nermo_control.driver import SPEED_STEPS, Driver, Limits
 from nermo_control.types import Posture, SpineModes, TrajectoryMode
 
 PAD = load_pad("xbox", Path(__file__).parents[1] / "config" / "pads")

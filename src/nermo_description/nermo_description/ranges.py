@@ -76,6 +76,7 @@ ANGULAR_VELOCITY = Range(-100.0, 100.0, "rad/s")
 """Of the body: the fastest gyroscopes of its size reach 70 rad/s."""
 ACCELERATION = Range(-1000.0, 1000.0, "m/s^2")
 LOAD = Range(-100.0, 1000.0, "N")
+FORCE = Range(-1000.0, 1000.0, "N")
 """Of a foot; an estimate may fall below 0."""
 QUATERNION_NORM = Range(0.9, 1.1, "(norm)")
 GAIT_FREQUENCY = Range(0.0, 100.0, "Hz")
@@ -201,6 +202,12 @@ def leg_loads_error(message: Any) -> str | None:
     return LOAD.error_of_any("load", message.load.tolist())
 
 
+def foot_forces_error(message: Any) -> str | None:
+    """nermo_interfaces/FootForces: the forces."""
+    wrong = (FORCE.error_of_vector(f"force[{foot}]", force) for foot, force in enumerate(message.force))
+    return next(filter(None, wrong), None)
+
+
 def battery_error(message: Any) -> str | None:
     """sensor_msgs/BatteryState: the voltage."""
     return VOLTAGE.error("voltage", message.voltage)
@@ -323,6 +330,7 @@ CHECKS: dict[str, Callable[[Any], str | None]] = {
     "nav_msgs/Odometry": odometry_error,
     "nav_msgs/Path": path_error,
     "nermo_interfaces/ControlCommand": control_command_error,
+    "nermo_interfaces/FootForces": foot_forces_error,
     "nermo_interfaces/FootTrajectories": foot_trajectories_error,
     "nermo_interfaces/GaitParameters": gait_parameters_error,
     "nermo_interfaces/LegLoads": leg_loads_error,

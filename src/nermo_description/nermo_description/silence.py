@@ -36,7 +36,10 @@ AWAY = Silence(
     "`servo_command`", 5.0, "a walk must begin anew", "whoever held the stick may have let go; `new_walk_after` sets it"
 )
 STICK = Silence(
-    "`joy`", 0.25, "one command that stops, then none", "before the controller's own, so that the stop is a command"
+    "`joy`, or the stick of the page",
+    0.25,
+    "one command that stops, then none",
+    "before the controller's own, so that the stop is a command",
 )
 WALK = Silence(
     "`control_command`, `motion_command`, odometry, or a node of the walk",

@@ -20,6 +20,8 @@ def drive(
         Path | None, typer.Option(metavar="DIR", help="Folder of the recording; default: a new one in recordings/.")
     ] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Keep nothing.")] = False,
+    web: Annotated[bool, typer.Option("--web", help="See and drive the mouse in the browser too.")] = False,
+    web_port: Annotated[int, typer.Option(metavar="PORT", help="With --web: where the page is.")] = 8080,
     network: NetworkOption = None,
 ) -> None:
     """Bring the twin up and drive it with the keys of this terminal, or with a gamepad that is plugged in.
@@ -35,4 +37,4 @@ def drive(
     from nermo_bringup.drive.session import Settings, drive_twin
 
     use_network(network)
-    drive_twin(Settings(robot, scene, pad, record, not no_record))
+    drive_twin(Settings(robot, scene, pad, record, not no_record, web_port if web else None))

@@ -10,8 +10,8 @@ from rich.table import Table
 from rich.text import Text
 
 from nermo_bringup.drive.odometer import Odometer
-from nermo_bringup.teleop.driver import SPEED_STEPS, Driver
 from nermo_bringup.teleop.keyboard import HELP
+from nermo_control.driver import SPEED_STEPS, Driver
 from nermo_control.types import Posture
 
 

@@ -25,8 +25,8 @@ from nermo_bringup.launch.description import load
 from nermo_bringup.launch.executables import find_launch_file
 from nermo_bringup.launch.running_graph import STARTUP_S, Graph, running_graph
 from nermo_bringup.recording.taps import dated_directory
-from nermo_bringup.teleop.driver import Driver, Limits
 from nermo_bringup.teleop.keyboard import KeyboardError, KeyMapping, raw_terminal, read_keys
+from nermo_control.driver import Driver, Limits
 from nermo_description.invocation import called, run_line
 from nermo_description.results import CommandError
 
@@ -51,6 +51,8 @@ class Settings:
     record: Path | None = None
     """Where the recording goes; None: a new folder."""
     recording: bool = True
+    web_port: int | None = None
+    """Where the page in the browser is; None: there is none."""
 
 
 class Keys:
@@ -161,6 +163,7 @@ class _Session:
             "teleop": "joystick" if pad else "none",
             "pad": self._settings.pad,
             **({} if self._bag is None else {"record": str(self._bag)}),
+            **({} if self._settings.web_port is None else {"web": "true", "web_port": str(self._settings.web_port)}),
         }
         expected = [action.full_name for action in load(find_launch_file("nermo_bringup", MAIN_FILE), arguments).nodes]
         self._refuse_another_graph(node, executor, set(expected))
@@ -228,6 +231,8 @@ class _Session:
         forward, turn = node.commanded
         where = f"recording {_short(self._bag)}" if self._bag is not None else "not recorded"
         where += f", {pad}: hold its dead-man button" if pad else ""
+        if self._settings.web_port is not None:
+            where += f", http://127.0.0.1:{self._settings.web_port}/"
         return display.screen(
             display.View(
                 title=f"{self._settings.robot} on its twin, {where}",

@@ -10,7 +10,7 @@ from ament_index_python.packages import get_package_prefix
 
 from nermo_hw.link.config import load_link
 
-PACKAGES = ("nermo_bringup", "nermo_control", "nermo_gap", "nermo_hw", "nermo_sensors", "nermo_sim")
+PACKAGES = ("nermo_bringup", "nermo_control", "nermo_gap", "nermo_hw", "nermo_sensors", "nermo_sim", "nermo_web")
 NO_NODES = frozenset({"nermo", "robot_end"})
 """Executables that are no part of a ROS graph."""
 
@@ -52,6 +52,7 @@ def subjects(folder: Path) -> list[Subject]:
         "device_emulator": [{"link": folder / "device"}],
         "twin_device": [{"link": folder / "twin_device"}],
         "recorder": [{"directory": folder / "recording"}],
+        "web": [{"port": 0}],
         "zenoh_link": [{"link": link}],
     }
     return [

@@ -15,9 +15,9 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from nermo_bringup.drive.odometer import Odometer
-from nermo_bringup.nodes.operator import Operator
-from nermo_bringup.teleop.driver import Driver
+from nermo_control.driver import Driver
 from nermo_control.nodes.conversions import odometry_from_message
+from nermo_control.nodes.operator import Operator
 from nermo_interfaces.msg import ControlCommand, ServoCommand
 from nermo_node import qos
 from nermo_node.complaints import Complaints

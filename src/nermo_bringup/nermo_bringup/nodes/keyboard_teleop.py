@@ -14,9 +14,9 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from nermo_bringup.nodes.operator import Operator
-from nermo_bringup.teleop.driver import Driver, Limits
 from nermo_bringup.teleop.keyboard import HELP, KeyMapping, raw_terminal, read_keys
+from nermo_control.driver import Driver, Limits
+from nermo_control.nodes.operator import Operator
 from nermo_node import run
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import Diagnostics

@@ -10,10 +10,10 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import Joy
 
-from nermo_bringup.nodes.operator import Operator
-from nermo_bringup.teleop.driver import Driver, Limits
 from nermo_bringup.teleop.mapping import PadMapping
 from nermo_bringup.teleop.pads import load_pad
+from nermo_control.driver import Driver, Limits
+from nermo_control.nodes.operator import Operator
 from nermo_description.silence import STICK
 from nermo_node import run
 from nermo_node.complaints import Complaints

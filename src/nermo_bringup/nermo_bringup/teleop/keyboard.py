@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 
-from nermo_bringup.teleop.driver import Driver
+from nermo_control.driver import Driver
 from nermo_control.types import SPINE_FUNCTIONS, ControlCommand, Posture
 
 HOLD_S = 0.7

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from nermo_bringup.teleop.driver import Driver
 from nermo_bringup.teleop.pads import BUTTONS, Pad
+from nermo_control.driver import Driver
 from nermo_control.types import SPINE_FUNCTIONS, ControlCommand, Posture
 from nermo_description.silence import STICK
 

@@ -10,7 +10,7 @@ from rclpy.task import Future
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from nermo_bringup.teleop.driver import Driver
+from nermo_control.driver import Driver
 from nermo_control.nodes.conversions import control_command_to_message
 from nermo_control.types import ControlCommand
 from nermo_interfaces.msg import ControlCommand as ControlCommandMessage
@@ -39,7 +39,7 @@ class Operator:
         self._commands = node.create_publisher(ControlCommandMessage, "control_command", qos.COMMAND)
         self._stop = node.create_publisher(Bool, TOPIC, qos.LATCHED)
         self._release = node.create_client(Trigger, "release")
-        self._stopped = False
+        self._stopped = self._said = False
         self._attempts = 0
         self._answer: Future | None = None
         Inputs(node, refuse).subscribe(GaitParameters, "gait_parameters", self._on_gaits, qos.LATCHED)
@@ -47,11 +47,16 @@ class Operator:
     def send(self, command: ControlCommand | None) -> None:
         """Says whether this source stops the robot, and gives a command if there is one."""
         if self._driver.stopped != self._stopped:
-            self._stopped = self._driver.stopped
+            self._stopped, self._said = self._driver.stopped, True
             self._stop.publish(Bool(data=self._stopped))
         self._ask_for_release()
         if command is not None:
             self._commands.publish(control_command_to_message(command))
+
+    def repeat_stop(self) -> None:
+        """Says once more whether this source stops the robot, if it has ever said so: it is a state, not an event."""
+        if self._said:
+            self._stop.publish(Bool(data=self._stopped))
 
     @property
     def stop_is_news(self) -> bool:
