@@ -109,6 +109,35 @@ def diagnose_command(
     print_diagnosis(found, written)
 
 
+@gap_app.command("record")
+def record_command(
+    out: Annotated[Path, typer.Option(help="New folder for the recordings, one folder in it for each segment.")],
+    robot: Annotated[str, typer.Option(help="nermo, nermo_lite or a parameter file.")] = "nermo_lite",
+    protocol: Annotated[str, typer.Option(help="standard, or walk: a minute of walking alone.")] = "standard",
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensors' noise.")] = 0,
+) -> None:
+    """Play an experiment protocol on the twin: hung in a stand, standing, walking, still. `diagnose OUT` reads it.
+
+    \b
+    Examples:
+      nermo gap record --protocol standard --out recordings/today
+      nermo gap diagnose recordings/today
+    """
+    with _refusals():
+        from nermo_description.robots import load_robot
+        from nermo_gap.protocol.play import Body
+        from nermo_gap.protocol.record import record
+        from nermo_gap.protocol.standard import protocol_of
+
+        parameters = load_robot(robot)
+        chosen = protocol_of(protocol, parameters)
+        body = Body.twin(parameters)
+        with progress("record") as say:
+            folders = record(chosen, body, out, seed, say)
+    typer.echo(f"{protocol}: {chosen.seconds:.0f} s of {parameters.name} in {len(folders)} segments")
+    typer.echo(f"next: nermo gap diagnose {out}")
+
+
 gap_app.command("effects")(simgap.cli.effects_command)
 gap_app.command("check")(simgap.cli.check_command)
 gap_app.command("map")(simgap.cli.map_command)

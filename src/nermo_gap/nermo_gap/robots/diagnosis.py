@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_description.robots import load_robot
+from nermo_gap.protocol.scene import TABLE_FILE, SceneFile, StandRow, scene_of, segments
 from nermo_gap.robots.channels import Channels, resolution, robot_map, servos_report
 from nermo_gap.robots.mcap_table import mcap_table, recorded_robot
 from nermo_gap.robots.menu import MouseMenu
@@ -25,6 +26,7 @@ from simgap.data.channels import OutputChannel
 from simgap.data.errors import GapInputError
 from simgap.data.plant import Plant, build_plant
 from simgap.data.recording import load_table, recording_from_table
+from simgap.data.setup import AS_MODELLED, Setup
 
 Array = NDArray[np.float64]
 
@@ -105,18 +107,26 @@ def diagnose_robot(
     channels: Channels | None = None,
     sources: Sequence[str] = (),
     reference: Sequence[dict[str, Array]] = (),
+    stands: Sequence[Setup | None] = (),
 ) -> Diagnosis:
     """Diagnose recordings of the mouse, each a table as `mcap_table` and `simulate` give it.
 
-    ``reference``: recordings of the same mouse when it was well; then the fault is what is new.
+    ``reference``: recordings of the same mouse when it was well; then the fault is what is new. ``stands``: what each
+    recording, the references last, has hung in.
 
     Raises:
         GapInputError: the tables cannot be used.
     """
-    columns = [c for c in tables[0] if all(c in t for t in [*tables, *reference])]
+    every = [*tables, *reference]
+    columns = [c for c in tables[0] if all(c in t for t in every)]
     plant = robot_plant(robot, columns, channels)
-    names = list(sources) or [f"recording {i}" for i in range(len(tables) + len(reference))]
-    recordings = [recording_from_table(t, plant, n) for t, n in zip([*tables, *reference], names, strict=True)]
+    names = list(sources) or [f"recording {i}" for i in range(len(every))]
+    recordings = [recording_from_table(t, plant, n) for t, n in zip(every, names, strict=True)]
+    stands = stands or [None] * len(every)
+    plant = dataclasses.replace(plant, setups=(AS_MODELLED, *(s for s in stands if s is not None)))
+    for recording, stand in zip(recordings, stands, strict=True):
+        number = 0 if stand is None else plant.setups.index(stand)
+        recording.setup = np.full(len(recording.time), float(number))
     well = recordings[len(tables) :]
     options = dataclasses.replace(options_for(plant, robot, columns, options), reference=well)
     # The twin tells of simulations that break down; here some candidates are meant to.
@@ -147,13 +157,47 @@ def diagnose_recordings(
         GapInputError: a recording cannot be used.
         ParameterError: the robot's parameters cannot be read.
     """
-    every = [*paths, *reference]
-    said = {recorded_robot(p) for p in every if is_mcap(p)} - {None}
+    now = [folder for path in paths for folder in segments(path)]
+    well = [folder for path in reference for folder in segments(path)]
+    every, scenes = [*now, *well], [scene_of(path) for path in (*now, *well)]
+    said = {name for path, scene in zip(every, scenes, strict=True) if (name := _robot_of(path, scene))}
     if robot is None and len(said) > 1:
-        raise GapInputError(f"the recordings are of different robots ({', '.join(sorted(map(str, said)))})")
-    parameters = load_robot(robot or next((name for name in said if name), "nermo_lite"))
-    tables = [mcap_table(p, parameters) if is_mcap(p) else load_table(p) for p in every]
-    now, well = tables[: len(paths)], tables[len(paths) :]
-    found = diagnose_robot(now, parameters, options, sources=[str(p) for p in every], reference=well)
+        raise GapInputError(f"the recordings are of different robots ({', '.join(sorted(said))})")
+    parameters = load_robot(robot or next(iter(said), "nermo_lite"))
+    tables = [_table(path, scene, parameters) for path, scene in zip(every, scenes, strict=True)]
+    stands: dict[StandRow, Setup] = {}
+    hung = [
+        None if scene is None or (row := scene.stand) is None else stands.setdefault(row, row.setup())
+        for scene in scenes
+    ]
+    found = diagnose_robot(
+        tables[: len(now)],
+        parameters,
+        options,
+        sources=[str(p) for p in every],
+        reference=tables[len(now) :],
+        stands=hung,
+    )
     found.report["robot_file"] = robot or parameters.name
     return found
+
+
+def _robot_of(path: Path, scene: SceneFile | None) -> str | None:
+    """The robot that a recording says it is of."""
+    if scene is not None:
+        return scene.robot
+    return recorded_robot(path) if is_mcap(path) else None
+
+
+def _table(path: Path, scene: SceneFile | None, robot: RobotParameters) -> dict[str, Array]:
+    """A recording's columns; of a protocol's segment, with the pieces as its runs."""
+    file = path / TABLE_FILE
+    if scene is None or not file.is_file():
+        table = mcap_table(path, robot) if is_mcap(path) else load_table(path)
+    else:
+        table = load_table(file)
+    if scene is not None:
+        run = scene.pieces_at(table["t"])
+        table = {name: values[np.isfinite(run)] for name, values in table.items()}
+        table["run"] = run[np.isfinite(run)]
+    return table

@@ -1,0 +1,126 @@
+"""The protocols that come with the mouse. Nobody diagnoses a robot from a walk alone: hang it up, stand it, walk it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from nermo_control.gait.knowledge_base import GaitParameters
+from nermo_control.types import ControlCommand, Posture, SpineModes
+from nermo_description.parameters import LEGS, RobotParameters
+from nermo_gap.protocol.pieces import REST, Piece, Protocol, Segment, Wave
+from nermo_gap.robots.channels import Channels
+from simgap.data.errors import GapInputError
+
+SLOW, FAST = (0.5, 0.7, 0.9, 1.1), (1.6, 2.0, 2.4, 2.8)
+"""[Hz] of the four legs, each its own: what one leg does is then told from what another does in every window."""
+STEP = 0.6
+"""[s] of a servo's step to both sides."""
+
+
+def standard(robot: RobotParameters) -> Protocol:
+    """A minute or a minute and a half: hung in a stand, standing, walking, still.
+
+    A swinging leg of two grams does not move a torso that a tracker could see it: a mouse whose servos report nothing
+    hangs for its spine alone.
+    """
+    return Protocol("standard", (_hung(robot), _standing(robot), _walking(), _still()))
+
+
+def walk(robot: RobotParameters) -> Protocol:
+    """A minute of walking alone, to compare with."""
+    del robot
+    pieces = [_walk(f"walk {k}", f"walk, part {k} of 6", *say) for k, say in enumerate(_WALKS * 2, 1)]
+    return Protocol(
+        "walk", (Segment("walking", "floor", "Set the mouse down with a metre in front of it.", (*pieces,)),)
+    )
+
+
+PROTOCOLS: dict[str, Callable[[RobotParameters], Protocol]] = {"standard": standard, "walk": walk}
+
+
+def protocol_of(name: str, robot: RobotParameters) -> Protocol:
+    """A protocol by its name.
+
+    Raises:
+        GapInputError: there is none of this name.
+    """
+    if name not in PROTOCOLS:
+        raise GapInputError(f"protocol {name!r} is unknown: choose one of {', '.join(PROTOCOLS)}")
+    return PROTOCOLS[name](robot)
+
+
+def _hung(robot: RobotParameters) -> Segment:
+    spine = [s for s in robot.servos if s.startswith("spine")]
+    bends = [Wave(s, 0.35, 0.4, 3.0, one_way=robot.servos[s].lower >= 0.0) for s in spine]
+    together = [
+        wave
+        for k, leg in enumerate(LEGS)
+        for wave in (Wave(f"{leg}_hip", 0.35, 1.3 + 0.2 * k), Wave(f"{leg}_knee", -0.4, 1.9 - 0.2 * k, one_way=True))
+    ]
+    bend = Piece("spine", "bend the spine, ever faster", 6.0, tuple(bends))
+    legs = (
+        Piece("hips slowly", "swing each hip slowly", 5.0, _legs("hip", 0.5, SLOW)),
+        Piece("hips fast", "swing each hip fast", 4.0, _legs("hip", 0.25, FAST)),
+        Piece("knees slowly", "move each knee slowly", 5.0, _legs("knee", 0.5, SLOW)),
+        Piece("knees fast", "move each knee fast", 4.0, _legs("knee", 0.25, FAST)),
+        _steps("steps", "step one servo after the other", 0.3, ("hip", "knee")),
+        Piece("legs together", "all legs at once", 5.0, tuple(together)),
+    )
+    pieces = (*(legs if Channels.of(robot).servos else ()), bend)
+    return Segment("hung", "hung", "Clamp the torso into the stand; no foot may touch anything.", pieces)
+
+
+def _standing(robot: RobotParameters) -> Segment:
+    knees = tuple(f"{leg}_knee" for leg in LEGS)
+    squat = tuple(Wave(k, -0.35, 0.5, 1.5, one_way=True) for k in knees)
+    # All hips turn the same way, so that the body sways over its feet.
+    sway = tuple(Wave(f"{leg}_hip", 0.18, 0.5, 1.5) for leg in LEGS)
+    single = tuple(Wave(k, -0.25, f, one_way=True) for k, f in zip(knees, SLOW, strict=True))
+    spine = tuple(Wave(s, 0.25, 0.8, one_way=robot.servos[s].lower >= 0.0) for s in robot.servos if "spine" in s)
+    balance = SpineModes(balance_compensation=True)
+    lifts = [ControlCommand(0, posture=Posture[f"LIFT_{leg.upper()}"], spine_modes=balance) for leg in LEGS]
+    lifted = tuple((3.0 * k, lift) for k, lift in enumerate(lifts))
+    pieces = (
+        Piece("squats", "squat, ever faster", 5.0, squat),
+        Piece("sway", "sway to and fro over the feet", 5.0, sway),
+        Piece("knees in turn", "each knee at its own pace under load", 5.0, (*single, *spine)),
+        _steps("small steps", "a small step of one servo after the other", 0.08, ("hip", "knee")),
+        Piece("lifts", "lift one leg after the other", 3.0 * len(LEGS) + 2.0 * REST, commands=lifted),
+    )
+    return Segment("standing", "floor", "Set the mouse down on the floor.", pieces)
+
+
+_USUAL = GaitParameters().default_gait_frequency
+_WALKS = (
+    (0.06, 0.0, "trot", 0.7 * _USUAL),
+    (0.08, 0.0, "trot", 1.2 * _USUAL),
+    (0.05, 0.0, "lateral_walk", _USUAL),
+    (0.06, 0.4, "trot", _USUAL),
+    (0.06, -0.4, "trot", _USUAL),
+)
+"""Speed [m/s], turn rate [rad/s], gait and its frequency [Hz]."""
+
+
+def _walking() -> Segment:
+    told = ("trot slowly", "trot fast", "lateral walk", "turn left")
+    pieces = tuple(_walk(name, name, *say) for name, say in zip(told, _WALKS, strict=False))
+    return Segment("walking", "floor", "Leave it on the floor, with a metre in front of it.", pieces)
+
+
+def _walk(name: str, tell: str, speed: float, turn: float, gait: str, frequency: float) -> Piece:
+    say = ControlCommand(0, forward_velocity=speed, turn_rate=turn, gait=gait, gait_frequency=frequency)
+    return Piece(name, tell, 6.0, commands=((0.0, say),))
+
+
+def _still() -> Segment:
+    return Segment("still", "floor", "Leave it standing.", (Piece("still", "stand still", 4.0),))
+
+
+def _legs(joint: str, size: float, frequencies: tuple[float, ...]) -> tuple[Wave, ...]:
+    return tuple(Wave(f"{leg}_{joint}", size, f) for leg, f in zip(LEGS, frequencies, strict=True))
+
+
+def _steps(name: str, tell: str, size: float, joints: tuple[str, ...]) -> Piece:
+    servos = [f"{leg}_{joint}" for joint in joints for leg in LEGS]
+    waves = [Wave(s, size, shape="steps", begin=STEP * k, end=STEP * (k + 1)) for k, s in enumerate(servos)]
+    return Piece(name, tell, STEP * len(servos) + 2.0 * REST, tuple(waves))
