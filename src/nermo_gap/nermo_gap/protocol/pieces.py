@@ -62,6 +62,8 @@ class Piece:
         tell: what the person beside the mouse is told.
         seconds: rests included.
         waves: servos that are not named keep their neutral angle.
+        looks: [s] from the piece's beginning where a diagnosis begins to look, for half a second: what moves there
+            tells most, and a replay can begin there.
         commands: (time [s] from the piece's first motion, command), in rising order; then there are no waves.
     """
 
@@ -70,6 +72,7 @@ class Piece:
     seconds: float
     waves: tuple[Wave, ...] = ()
     commands: tuple[tuple[float, ControlCommand], ...] = ()
+    looks: tuple[float, ...] = ()
 
     def targets(self, t: float, robot: RobotParameters) -> dict[str, float]:
         """Servo angles [rad] at ``t`` [s] from the piece's beginning, within the servos' limits."""

@@ -44,6 +44,8 @@ class PieceRow(BaseModel):
     name: str
     begin: float
     end: float
+    looks: tuple[float, ...] = ()
+    """[s] from its begin; see `Piece`."""
 
 
 class SceneFile(BaseModel):
@@ -61,7 +63,10 @@ class SceneFile(BaseModel):
     @classmethod
     def of(cls, protocol: Protocol, segment: Segment, robot: str, stand: Stand, rest: Array) -> SceneFile:
         """Of a segment that is about to be recorded."""
-        pieces = tuple(PieceRow(name=n, begin=b, end=e) for n, (b, e) in segment.spans().items())
+        spans = segment.spans()
+        pieces = tuple(
+            PieceRow(name=p.name, begin=spans[p.name][0], end=spans[p.name][1], looks=p.looks) for p in segment.pieces
+        )
         row = None
         if segment.scene == "hung":
             row = StandRow(

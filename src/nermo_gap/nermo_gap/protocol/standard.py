@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.types import ControlCommand, Posture, SpineModes
@@ -51,19 +51,20 @@ def protocol_of(name: str, robot: RobotParameters) -> Protocol:
 
 def _hung(robot: RobotParameters) -> Segment:
     spine = [s for s in robot.servos if s.startswith("spine")]
-    bends = [Wave(s, 0.35, 0.4, 3.0, one_way=robot.servos[s].lower >= 0.0) for s in spine]
+    # Not faster: the tail swings at 3 Hz, and nobody knows how.
+    bends = [Wave(s, 0.35, 0.3, 1.5, one_way=robot.servos[s].lower >= 0.0) for s in spine]
     together = [
         wave
         for k, leg in enumerate(LEGS)
         for wave in (Wave(f"{leg}_hip", 0.35, 1.3 + 0.2 * k), Wave(f"{leg}_knee", -0.4, 1.9 - 0.2 * k, one_way=True))
     ]
-    bend = Piece("spine", "bend the spine, ever faster", 6.0, tuple(bends))
+    bend = Piece("spine", "bend the spine, ever faster", 6.0, tuple(bends), looks=(0.5,))
     legs = (
         Piece("hips slowly", "swing each hip slowly", 5.0, _legs("hip", 0.5, SLOW)),
         Piece("hips fast", "swing each hip fast", 4.0, _legs("hip", 0.25, FAST)),
         Piece("knees slowly", "move each knee slowly", 5.0, _legs("knee", 0.5, SLOW)),
         Piece("knees fast", "move each knee fast", 4.0, _legs("knee", 0.25, FAST)),
-        _steps("steps", "step one servo after the other", 0.3, ("hip", "knee")),
+        _steps("steps", "step one servo after the other", 0.3, LEGS, ("hip", "knee")),
         Piece("legs together", "all legs at once", 5.0, tuple(together)),
     )
     pieces = (*(legs if Channels.of(robot).servos else ()), bend)
@@ -72,20 +73,23 @@ def _hung(robot: RobotParameters) -> Segment:
 
 def _standing(robot: RobotParameters) -> Segment:
     knees = tuple(f"{leg}_knee" for leg in LEGS)
-    squat = tuple(Wave(k, -0.35, 0.5, 1.5, one_way=True) for k in knees)
+    squat = tuple(Wave(k, -0.35, 1.0, 3.0, one_way=True) for k in knees)
     # All hips turn the same way, so that the body sways over its feet.
-    sway = tuple(Wave(f"{leg}_hip", 0.18, 0.5, 1.5) for leg in LEGS)
-    single = tuple(Wave(k, -0.25, f, one_way=True) for k, f in zip(knees, SLOW, strict=True))
+    sway = tuple(Wave(f"{leg}_hip", 0.2, 1.0, 4.0) for leg in LEGS)
+    single = tuple(Wave(k, -0.3, 2.0 * f, one_way=True) for k, f in zip(knees, SLOW, strict=True))
     spine = tuple(Wave(s, 0.25, 0.8, one_way=robot.servos[s].lower >= 0.0) for s in robot.servos if "spine" in s)
     balance = SpineModes(balance_compensation=True)
     lifts = [ControlCommand(0, posture=Posture[f"LIFT_{leg.upper()}"], spine_modes=balance) for leg in LEGS]
     lifted = tuple((3.0 * k, lift) for k, lift in enumerate(lifts))
     pieces = (
-        Piece("squats", "squat, ever faster", 5.0, squat),
-        Piece("sway", "sway to and fro over the feet", 5.0, sway),
-        Piece("knees in turn", "each knee at its own pace under load", 5.0, (*single, *spine)),
-        _steps("small steps", "a small step of one servo after the other", 0.08, ("hip", "knee")),
-        Piece("lifts", "lift one leg after the other", 3.0 * len(LEGS) + 2.0 * REST, commands=lifted),
+        _steps("knee steps", "kick with one knee after the other", -0.2, LEGS, ("knee",)),
+        _steps("knee steps back", "and the other way about", 0.2, LEGS[::-1], ("knee",)),
+        _steps("hip steps", "kick with one hip after the other", 0.15, LEGS, ("hip",)),
+        _steps("hip steps back", "and the other way about", -0.15, LEGS[::-1], ("hip",)),
+        Piece("squats", "squat, ever faster", 4.0, squat, looks=(2.4,)),
+        Piece("sway", "sway to and fro over the feet, ever faster", 4.0, sway, looks=(1.6,)),
+        Piece("knees in turn", "each knee at its own pace under load", 5.0, (*single, *spine), looks=(0.9,)),
+        Piece("lifts", "lift one leg after the other", 3.0 * len(LEGS) + 2.0 * REST, (), lifted, looks=(0.9, 9.9)),
     )
     return Segment("standing", "floor", "Set the mouse down on the floor.", pieces)
 
@@ -109,7 +113,8 @@ def _walking() -> Segment:
 
 def _walk(name: str, tell: str, speed: float, turn: float, gait: str, frequency: float) -> Piece:
     say = ControlCommand(0, forward_velocity=speed, turn_rate=turn, gait=gait, gait_frequency=frequency)
-    return Piece(name, tell, 6.0, commands=((0.0, say),))
+    # The first steps from the stand: later on a replay does not know enough of where everything is.
+    return Piece(name, tell, 6.0, commands=((0.0, say),), looks=(0.35,))
 
 
 def _still() -> Segment:
@@ -120,7 +125,9 @@ def _legs(joint: str, size: float, frequencies: tuple[float, ...]) -> tuple[Wave
     return tuple(Wave(f"{leg}_{joint}", size, f) for leg, f in zip(LEGS, frequencies, strict=True))
 
 
-def _steps(name: str, tell: str, size: float, joints: tuple[str, ...]) -> Piece:
-    servos = [f"{leg}_{joint}" for joint in joints for leg in LEGS]
+def _steps(name: str, tell: str, size: float, legs: Sequence[str], joints: Sequence[str]) -> Piece:
+    servos = [f"{leg}_{joint}" for joint in joints for leg in legs]
     waves = [Wave(s, size, shape="steps", begin=STEP * k, end=STEP * (k + 1)) for k, s in enumerate(servos)]
-    return Piece(name, tell, STEP * len(servos) + 2.0 * REST, tuple(waves))
+    # A first look at every other step; the piece that goes the other way about has the rest.
+    looks = tuple(REST + STEP * k - 0.05 for k in range(0, len(servos), 2))
+    return Piece(name, tell, STEP * len(servos) + 2.0 * REST, tuple(waves), looks=looks)

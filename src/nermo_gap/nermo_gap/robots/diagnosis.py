@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_description.robots import load_robot
+from nermo_gap.protocol.looks import looker
 from nermo_gap.protocol.scene import TABLE_FILE, SceneFile, StandRow, scene_of, segments
 from nermo_gap.robots.channels import Channels, resolution, robot_map, servos_report
 from nermo_gap.robots.mcap_table import mcap_table, recorded_robot
@@ -27,6 +28,7 @@ from simgap.data.errors import GapInputError
 from simgap.data.plant import Plant, build_plant
 from simgap.data.recording import load_table, recording_from_table
 from simgap.data.setup import AS_MODELLED, Setup
+from simgap.simulation.windows import WARM_UP
 
 Array = NDArray[np.float64]
 
@@ -164,18 +166,22 @@ def diagnose_recordings(
     if robot is None and len(said) > 1:
         raise GapInputError(f"the recordings are of different robots ({', '.join(sorted(said))})")
     parameters = load_robot(robot or next(iter(said), "nermo_lite"))
-    tables = [_table(path, scene, parameters) for path, scene in zip(every, scenes, strict=True)]
+    tables, looks = _numbered(now, scenes[: len(now)], parameters)
+    well_tables, well_looks = _numbered(well, scenes[len(now) :], parameters)
+    if looks and (not well or looks == well_looks):
+        warm_up = REPORTING_WARM_UP if Channels.of(parameters).servos else WARM_UP
+        options = dataclasses.replace(options or Options(), cut=looker(looks, warm_up))
     stands: dict[StandRow, Setup] = {}
     hung = [
         None if scene is None or (row := scene.stand) is None else stands.setdefault(row, row.setup())
         for scene in scenes
     ]
     found = diagnose_robot(
-        tables[: len(now)],
+        tables,
         parameters,
         options,
         sources=[str(p) for p in every],
-        reference=tables[len(now) :],
+        reference=well_tables,
         stands=hung,
     )
     found.report["robot_file"] = robot or parameters.name
@@ -187,6 +193,21 @@ def _robot_of(path: Path, scene: SceneFile | None) -> str | None:
     if scene is not None:
         return scene.robot
     return recorded_robot(path) if is_mcap(path) else None
+
+
+def _numbered(
+    paths: Sequence[Path], scenes: Sequence[SceneFile | None], robot: RobotParameters
+) -> tuple[list[dict[str, Array]], dict[float, tuple[float, ...]]]:
+    """Tables whose runs are numbered through, and where to look in each run; nowhere but in a protocol's."""
+    tables, looks, first = [], {}, 0
+    for path, scene in zip(paths, scenes, strict=True):
+        table = _table(path, scene, robot)
+        if scene is not None:
+            table["run"] += first
+            looks |= {float(first + i): piece.looks for i, piece in enumerate(scene.pieces)}
+            first += len(scene.pieces)
+        tables.append(table)
+    return tables, looks if all(scene is not None for scene in scenes) and any(looks.values()) else {}
 
 
 def _table(path: Path, scene: SceneFile | None, robot: RobotParameters) -> dict[str, Array]:
