@@ -105,6 +105,11 @@ def diagnose_command(
 
                 found = diagnose_recordings(recordings, robot, options, reference or ())
         found.report["command"] = called(_PROGRAM, "diagnose")
+        if mouse:
+            from nermo_gap.robots.checks import what_to_do
+
+            folder = out or (json_.parent if json_ else Path("diagnosis"))
+            found.report["what_to_do"] = what_to_do(found.report, str(folder), [str(r) for r in recordings])
         written = write_diagnosis(found, out or (None if json_ else Path("diagnosis")), json_)
     print_diagnosis(found, written)
 

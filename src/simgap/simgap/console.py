@@ -191,6 +191,11 @@ def print_diagnosis(found: Diagnosis, report_file: Path | None = None) -> None:
         gain = proposed["expected_gain"]
         odds = f"odds of {math.exp(min(gain, 20.0)):.2g} to 1" if gain < 20.0 else "beyond doubt"
         console.print(f"next: {proposed['description']} (should tell them apart by {gain:.1f} nats, {odds})")
+    told = report.get("what_to_do", {})
+    for row in told.get("checks", ()):
+        console.print(f"check: {row['check']}", highlight=False)
+    for line in told.get("commands", ()):
+        console.print(f"type next: {line}", highlight=False, soft_wrap=True)
     for warning in report["warnings"]:
         console.print(f"[yellow]warning:[/yellow] {warning}")
     for line in report.get("data", {}).get("advice", ()):

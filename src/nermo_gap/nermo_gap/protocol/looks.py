@@ -31,7 +31,7 @@ def looker(looks: Mapping[float, Sequence[float]], warm_up: float) -> Callable[[
                     blocks.append(number)
         if len(set(blocks)) < FOLDS:
             raise GapInputError(
-                f"{aligned.source}: {len(set(blocks))} pieces of the protocol are long enough to be looked at, and {FOLDS} "
+                f"{aligned.source}: {len(set(blocks))} pieces of the protocol are long enough to look at; {FOLDS} "
                 "are needed: record it anew"
             )
         block = np.unique(blocks, return_inverse=True)[1].astype(np.int64)
