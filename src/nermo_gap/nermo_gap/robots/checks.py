@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 Report = dict[str, Any]
 Values = dict[str, float]
 
 CHECKS = {
-    "servo_gain": "swap the servo of the {where} with its neighbour and record again: if the weakness ({share}) moves "
+    "servo_gain": "swap the servo of the {where} with its neighbour and record again: if the {share} move "
     "along, replace the servo; if not, look at its cable and plug",
     "servo_torque_limit": "hang a weight on the {where} until it yields: it should hold {torque}",
     "servo_delay": "compare the stamps of command and answer at the {where}: they should lie {time} apart; look at the "
@@ -20,10 +21,10 @@ CHECKS = {
     "servo_rate_limit": "measure the supply under load: the {where} is slower than its data sheet says",
     "servo_dead_band": "command the {where} in steps of a degree, and see from which on it follows",
     "servo_backlash": "hold the horn of the {where} and turn it to and fro by hand: feel for {angle} of play",
-    "coulomb_friction": "without power, turn the {where} by hand against its neighbour: it sticks; free its cable guide",
-    "viscous_friction": "without power, swing the {where} by hand against its neighbour: it is damped; look at its grease",
-    "joint_stiffness": "bend the {where} with a spring scale: it should be {share} {softer} than its drawing says; look "
-    "for cracks, check the material",
+    "coulomb_friction": "without power, turn the {where} by hand: it sticks; free its cable guide",
+    "viscous_friction": "without power, swing the {where} by hand: it is damped; look at its grease",
+    "joint_stiffness": "bend the {where} with a spring scale: it should be {share} {softer} than its drawing says; "
+    "look for cracks, check the material",
     "joint_rest_angle": "take the load off the {where}: it rests {angle} from where it should; look for a bent joint",
     "joint_damping": "pluck the {where} and count how often it swings: its damping is not as modelled",
     "joint_range": "turn the {where} by hand to both ends: something is in the way, or a stop is gone",
@@ -47,12 +48,15 @@ UNKNOWN = "look at the {where} for {effect}"
 
 def check(effect: str, site: str, values: Values | None = None) -> str:
     """The check that fits a cause; ``values`` as the diagnosis found them, or None of a rival's, which nobody knows."""
-    where = "whole mouse" if site == "all" else site.replace("_", " ")
-    words = {"where": where, "effect": effect.replace("_", " "), **_amounts(values or {})}
-    text = CHECKS.get(effect, UNKNOWN).format(**words)
-    return text if values else text.replace(f" by {_SOME}", "").replace(_SOME, "some way")
+    text = CHECKS.get(effect, UNKNOWN).format(
+        where=_PLACES.get(site, site.removeprefix("all_")).replace("_", " "),
+        effect=effect.replace("_", " "),
+        **_amounts(values or {}),
+    )
+    return text if values else re.split("[:;]", text)[0].removesuffix(f" by {_SOME}")
 
 
+_PLACES = {"all": "mouse"} | {f"spine_{end}": f"{end} spine" for end in ("left", "right", "lumbar")}
 _SOME = "?"
 
 

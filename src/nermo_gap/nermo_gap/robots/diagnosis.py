@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_description.robots import load_robot
 from nermo_gap.protocol.looks import looker
-from nermo_gap.protocol.scene import TABLE_FILE, SceneFile, StandRow, scene_of, segments
+from nermo_gap.protocol.recorded import is_mcap, read
+from nermo_gap.protocol.scene import SceneFile, scene_of, segments
 from nermo_gap.robots.channels import Channels, resolution, robot_map, servos_report
-from nermo_gap.robots.mcap_table import mcap_table, recorded_robot
+from nermo_gap.robots.mcap_table import recorded_robot
 from nermo_gap.robots.menu import MouseMenu
 from nermo_gap.robots.model import diagnosis_spec
 from nermo_gap.robots.phases import gait_phases
@@ -26,7 +27,7 @@ from simgap.analysis.options import Options
 from simgap.data.channels import OutputChannel
 from simgap.data.errors import GapInputError
 from simgap.data.plant import Plant, build_plant
-from simgap.data.recording import load_table, recording_from_table
+from simgap.data.recording import Recording, recording_from_table
 from simgap.data.setup import AS_MODELLED, Setup
 from simgap.simulation.windows import WARM_UP
 
@@ -123,12 +124,7 @@ def diagnose_robot(
     columns = [c for c in tables[0] if all(c in t for t in every)]
     plant = robot_plant(robot, columns, channels)
     names = list(sources) or [f"recording {i}" for i in range(len(every))]
-    recordings = [recording_from_table(t, plant, n) for t, n in zip(every, names, strict=True)]
-    stands = stands or [None] * len(every)
-    plant = dataclasses.replace(plant, setups=(AS_MODELLED, *(s for s in stands if s is not None)))
-    for recording, stand in zip(recordings, stands, strict=True):
-        number = 0 if stand is None else plant.setups.index(stand)
-        recording.setup = np.full(len(recording.time), float(number))
+    plant, recordings = placed(plant, every, list(stands) or [None] * len(every), names)
     well = recordings[len(tables) :]
     options = dataclasses.replace(options_for(plant, robot, columns, options), reference=well)
     # The twin tells of simulations that break down; here some candidates are meant to.
@@ -142,9 +138,19 @@ def diagnose_robot(
     return found
 
 
-def is_mcap(path: Path) -> bool:
-    """Whether a recording is an MCAP (a file, or the folder of a bag) rather than a table."""
-    return path.suffix.lower() == ".mcap" or path.is_dir()
+def placed(
+    plant: Plant, tables: Sequence[dict[str, Array]], stands: Sequence[Setup | None], names: Sequence[str]
+) -> tuple[Plant, list[Recording]]:
+    """The plant with the stands that the recordings hung in, and the recordings, each in its own.
+
+    Raises:
+        GapInputError: a table lacks what the plant's map names.
+    """
+    setups = (AS_MODELLED, *dict.fromkeys(stand for stand in stands if stand is not None))
+    recordings = [recording_from_table(t, plant, n) for t, n in zip(tables, names, strict=True)]
+    for recording, stand in zip(recordings, stands, strict=True):
+        recording.setup = np.full(len(recording.time), 0.0 if stand is None else float(setups.index(stand)))
+    return dataclasses.replace(plant, setups=setups), recordings
 
 
 def diagnose_recordings(
@@ -166,23 +172,17 @@ def diagnose_recordings(
     if robot is None and len(said) > 1:
         raise GapInputError(f"the recordings are of different robots ({', '.join(sorted(said))})")
     parameters = load_robot(robot or next(iter(said), "nermo_lite"))
-    tables, looks = _numbered(now, scenes[: len(now)], parameters)
-    well_tables, well_looks = _numbered(well, scenes[len(now) :], parameters)
-    if looks and (not well or looks == well_looks):
+    read_now, read_well = read(now, scenes[: len(now)], parameters), read(well, scenes[len(now) :], parameters)
+    if read_now.looks and (not well or read_now.looks == read_well.looks):
         warm_up = REPORTING_WARM_UP if Channels.of(parameters).servos else WARM_UP
-        options = dataclasses.replace(options or Options(), cut=looker(looks, warm_up))
-    stands: dict[StandRow, Setup] = {}
-    hung = [
-        None if scene is None or (row := scene.stand) is None else stands.setdefault(row, row.setup())
-        for scene in scenes
-    ]
+        options = dataclasses.replace(options or Options(), cut=looker(read_now.looks, warm_up))
     found = diagnose_robot(
-        tables,
+        read_now.tables,
         parameters,
         options,
         sources=[str(p) for p in every],
-        reference=well_tables,
-        stands=hung,
+        reference=read_well.tables,
+        stands=[*read_now.stands, *read_well.stands],
     )
     found.report["robot_file"] = robot or parameters.name
     return found
@@ -193,32 +193,3 @@ def _robot_of(path: Path, scene: SceneFile | None) -> str | None:
     if scene is not None:
         return scene.robot
     return recorded_robot(path) if is_mcap(path) else None
-
-
-def _numbered(
-    paths: Sequence[Path], scenes: Sequence[SceneFile | None], robot: RobotParameters
-) -> tuple[list[dict[str, Array]], dict[float, tuple[float, ...]]]:
-    """Tables whose runs are numbered through, and where to look in each run; nowhere but in a protocol's."""
-    tables, looks, first = [], {}, 0
-    for path, scene in zip(paths, scenes, strict=True):
-        table = _table(path, scene, robot)
-        if scene is not None:
-            table["run"] += first
-            looks |= {float(first + i): piece.looks for i, piece in enumerate(scene.pieces)}
-            first += len(scene.pieces)
-        tables.append(table)
-    return tables, looks if all(scene is not None for scene in scenes) and any(looks.values()) else {}
-
-
-def _table(path: Path, scene: SceneFile | None, robot: RobotParameters) -> dict[str, Array]:
-    """A recording's columns; of a protocol's segment, with the pieces as its runs."""
-    file = path / TABLE_FILE
-    if scene is None or not file.is_file():
-        table = mcap_table(path, robot) if is_mcap(path) else load_table(path)
-    else:
-        table = load_table(file)
-    if scene is not None:
-        run = scene.pieces_at(table["t"])
-        table = {name: values[np.isfinite(run)] for name, values in table.items()}
-        table["run"] = run[np.isfinite(run)]
-    return table

@@ -113,7 +113,7 @@ def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, op
         return Replayer(plant, aligned, options.cut(aligned), floor, options.threads)
     most = options.max_windows or affordable(plant.model)
     longest = options.horizon or (HORIZON if plant.model.nv <= LIGHT else HORIZON_HEAVY)
-    avoided = at_limit(plant, aligned, floor)
+    avoided = at_limit(aligned, floor)
     made = Replayer(plant, aligned, cut(aligned, longest, options.warm_up, most, avoided), floor, options.threads)
     horizon = usable_horizon(made, nominal)
     if horizon > 0.9 * longest:

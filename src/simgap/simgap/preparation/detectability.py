@@ -189,7 +189,7 @@ def _windows(
 ) -> tuple[Replayer, int] | None:
     """A replayer of a few windows like the diagnosis's, and how many that has; None where they are too few."""
     most, longest = affordable(plant.model), HORIZON if plant.model.nv <= LIGHT else HORIZON_HEAVY
-    avoided = at_limit(plant, aligned, floor)
+    avoided = at_limit(aligned, floor)
     try:
         made = Replayer(plant, aligned, cut(aligned, longest, WARM_UP, _MOST, avoided), floor, threads)
         horizon = usable_horizon(made, nominal)
@@ -210,7 +210,7 @@ def _affordable(replayer: Replayer, count: int) -> Replayer:
     if number >= len(windows):
         return replayer
     horizon, lead = windows.length * period, windows.warm_up * period
-    fewer = cut(replayer.aligned, horizon, lead, number, at_limit(replayer.plant, replayer.aligned, replayer.floor))
+    fewer = cut(replayer.aligned, horizon, lead, number, at_limit(replayer.aligned, replayer.floor))
     return Replayer(replayer.plant, replayer.aligned, fewer, replayer.floor, replayer.threads)
 
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from simgap.data.align import Aligned
 from simgap.data.errors import GapInputError
-from simgap.data.plant import Plant
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -32,7 +31,6 @@ _BLOCK = 1.2
 """[s]"""
 _REST, _NEAR = 0.08, 4.0
 """[s] for which an output stays within so many noise deviations of its extreme where it rests there."""
-_POSES = (int(mujoco.mjtSensor.mjSENS_FRAMEPOS), int(mujoco.mjtSensor.mjSENS_FRAMEQUAT))
 _RANGE = 40.0
 """[noise deviations] An output that moves less has no ends."""
 _PATIENCE = 3
@@ -103,17 +101,15 @@ def affordable(model: mujoco.MjModel) -> int:
     return int(np.clip(MAX_WINDOWS * (LIGHT / max(model.nv, 1)) ** 2, MIN_WINDOWS, MAX_WINDOWS))
 
 
-def at_limit(plant: Plant, aligned: Aligned, floor: Array) -> NDArray[np.bool_]:
+def at_limit(aligned: Aligned, floor: Array) -> NDArray[np.bool_]:
     """Rows (n,) in which some output rests at the end of its range: a stop, or a sensor that sees no further.
 
-    What a saturated sensor tells is no place to start a replay from. Where a robot floats, poses have no ends: one
-    that stands highest when it rests has met no stop. ``floor`` (no,) is the outputs' noise.
+    What a saturated sensor tells is no place to start a replay from. ``floor`` (no,) is the outputs' noise.
     """
     found = np.zeros(len(aligned.outputs), bool)
     long = max(round(_REST / aligned.period), 3)
-    floats = bool((plant.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE).any())
-    for channel, y, valid, noise in zip(plant.outputs, aligned.outputs.T, aligned.valid.T, floor, strict=True):
-        if valid.sum() < 10 * long or (floats and channel.sensor_type in _POSES):
+    for y, valid, noise in zip(aligned.outputs.T, aligned.valid.T, floor, strict=True):
+        if valid.sum() < 10 * long:
             continue
         ends = np.percentile(y[valid], [0.5, 99.5])
         if np.ptp(ends) < _RANGE * noise:
