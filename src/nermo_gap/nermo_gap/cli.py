@@ -175,6 +175,45 @@ def reveal_command(
             typer.echo(f"diagnosis: {judge(answer, read_diagnosis(diagnosis, corrected=False))}")
 
 
+@gap_app.command("detectability")
+def detectability_command(
+    robot: Annotated[str, typer.Option(help="nermo, nermo_lite or a parameter file.")] = "nermo_lite",
+    protocol: Annotated[str, typer.Option(help="standard or walk.")] = "standard",
+    sensors: Annotated[
+        str, typer.Option(help="Of servos, knees, gyro and tracker, with commas; by default what the robot has.")
+    ] = "",
+    json_: Annotated[Path | None, typer.Option("--json", help="File for the table.")] = None,
+) -> None:
+    """Say from which size on a protocol would show each effect of a mouse, in which piece and to which sensor.
+
+    \b
+    Example:
+      nermo gap detectability --robot nermo_lite --protocol standard
+      nermo gap detectability --robot nermo --sensors tracker,gyro
+    """
+    with _refusals():
+        from rich.console import Console
+        from rich.table import Table
+
+        from nermo_description.robots import load_robot
+        from nermo_gap.protocol.detectable import channels_of, detectable
+        from nermo_gap.protocol.standard import protocol_of
+        from simgap.analysis.diagnose import write_report
+        from simgap.console import size_of
+
+        parameters = load_robot(robot)
+        rows = detectable(parameters, protocol_of(protocol, parameters), channels_of(sensors, parameters))
+    table = Table("effect", "site", "from", "seen most in", "by", "not told from")
+    for row in rows:
+        found = row.found
+        smallest = "does not show" if found.smallest is None else f"{found.parameter} {size_of(found)}"
+        table.add_row(found.effect, found.site, smallest, row.piece, found.sensor, found.rival or "")
+    Console().print(table)
+    if json_ is not None:
+        told = {"schema": "nermo_gap/detectability/1", "robot": parameters.name, "protocol": protocol}
+        write_report({**told, "rows": [row.report() for row in rows]}, json_)
+
+
 gap_app.command("effects")(simgap.cli.effects_command)
 gap_app.command("check")(simgap.cli.check_command)
 gap_app.command("map")(simgap.cli.map_command)

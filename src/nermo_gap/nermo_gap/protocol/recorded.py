@@ -44,7 +44,8 @@ def read(paths: Sequence[Path], scenes: Sequence[SceneFile | None], robot: Robot
     Raises:
         GapInputError: a recording cannot be read.
     """
-    tables, looks, first = [], {}, 0
+    tables, first = [], 0
+    looks: dict[float, tuple[float, ...]] = {}
     stands: dict[StandRow, Setup] = {}
     hung: list[Setup | None] = []
     for path, scene in zip(paths, scenes, strict=True):

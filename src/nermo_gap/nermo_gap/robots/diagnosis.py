@@ -138,6 +138,11 @@ def diagnose_robot(
     return found
 
 
+def warm_up_of(reports: bool) -> float:
+    """[s] before a window in which the model is held to the measurement; more where servos report."""
+    return REPORTING_WARM_UP if reports else WARM_UP
+
+
 def placed(
     plant: Plant, tables: Sequence[dict[str, Array]], stands: Sequence[Setup | None], names: Sequence[str]
 ) -> tuple[Plant, list[Recording]]:
@@ -174,7 +179,7 @@ def diagnose_recordings(
     parameters = load_robot(robot or next(iter(said), "nermo_lite"))
     read_now, read_well = read(now, scenes[: len(now)], parameters), read(well, scenes[len(now) :], parameters)
     if read_now.looks and (not well or read_now.looks == read_well.looks):
-        warm_up = REPORTING_WARM_UP if Channels.of(parameters).servos else WARM_UP
+        warm_up = warm_up_of(Channels.of(parameters).servos)
         options = dataclasses.replace(options or Options(), cut=looker(read_now.looks, warm_up))
     found = diagnose_robot(
         read_now.tables,
