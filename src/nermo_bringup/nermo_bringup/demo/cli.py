@@ -60,17 +60,8 @@ def _hidden_mouse(robot: str, number: int | None, out: Path | None, fault: str |
     """Exit status: 0 where a mouse was recorded, diagnosed and revealed, whatever came out."""
     import secrets
 
-    from rich.console import Console
-
     from nermo_bringup.recording.taps import dated_directory
-    from nermo_description.robots import ParameterError
-    from nermo_gap.blind.mice.show import show
-    from simgap.data.errors import GapInputError
+    from nermo_gap.blind.mice.show import demonstrate
 
     chosen = secrets.randbelow(10_000) if number is None else number
-    try:
-        show(robot, chosen, out or dated_directory(Path("demo")), Console(), budget=budget, fault=fault)
-    except (GapInputError, ParameterError) as error:
-        typer.echo(str(error), err=True)
-        return 2
-    return 0
+    return demonstrate(robot, chosen, out or dated_directory(Path("demo")), fault, budget)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from nermo_description.robots import load_robot
+from nermo_description.robots import ParameterError, load_robot
 from nermo_gap.blind.mice.faults import KINDS
 from nermo_gap.blind.mice.mouse import draw
 from nermo_gap.blind.mice.seal import Answer, judge, open_seal, seal
@@ -20,6 +21,7 @@ from nermo_gap.robots.checks import what_to_do
 from nermo_gap.robots.diagnosis import diagnose_recordings
 from simgap.analysis.options import Options
 from simgap.console import print_diagnosis, progress, silence, write_diagnosis
+from simgap.data.errors import GapInputError
 
 BUDGET = 150.0
 """[s] that the diagnosis may take, by default."""
@@ -82,6 +84,16 @@ def show(
     console.print("The report:")
     print(page)
     return Shown(answer, found.report, judged, page)
+
+
+def demonstrate(robot: str, number: int, out: Path, fault: str | None, budget: float) -> int:
+    """`show` as a command; returns its exit status, 0 whatever the diagnosis says."""
+    try:
+        show(robot, number, out, Console(), budget=budget, fault=fault)
+    except (GapInputError, ParameterError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
 
 
 def _table(answer: Answer, report: dict[str, Any], judged: str) -> Table:
