@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from rich.console import Console
 from typer.testing import CliRunner
 
 from nermo_description.model import build_model
@@ -17,6 +19,7 @@ from nermo_description.robots import load_robot
 from nermo_gap.blind.mice.faults import KINDS
 from nermo_gap.blind.mice.mouse import LEAST, MOST, draw
 from nermo_gap.blind.mice.seal import SEALED, Answer, judge, open_seal, seal
+from nermo_gap.blind.mice.show import show
 from nermo_gap.cli import gap_app
 from nermo_gap.robots.checks import CHECKS, check, what_to_do
 from simgap.data.errors import GapInputError
@@ -159,3 +162,16 @@ def test_a_hidden_mouse_is_recorded_and_revealed_by_commands(tmp_path: Path) -> 
     assert CliRunner().invoke(gap_app, ["record", "--fault", "none", "--out", str(tmp_path / "x")]).exit_code == 2
     unknown = CliRunner().invoke(gap_app, ["record", "--hidden", "1", "--fault", "cold", "--out", str(tmp_path / "x")])
     assert unknown.exit_code == 2 and "weak_knee" in unknown.output
+
+
+def test_the_demo_draws_records_diagnoses_and_reveals(tmp_path: Path) -> None:
+    told = StringIO()
+    console = Console(file=told, width=200)
+    shown = show("nermo_lite", 2, tmp_path, console, budget=None, fault="slippery_feet", only=("ground_friction",))
+    assert shown.judged == "right" and shown.report["verdict"] == "effect"
+    (effect,) = shown.report["effects"]
+    low, high = effect["parameters"]["factor"]["ci90"]
+    # The whole mouse is a little off, so is the friction beside the fault.
+    assert low - 0.1 < 0.5 < high + 0.1
+    assert "the seal is opened: right" in told.getvalue()
+    assert shown.page is not None and "clean the feet" in shown.page.read_text(encoding="utf-8")

@@ -16,6 +16,7 @@ from nermo_description.parameter_files import write_yaml
 from nermo_description.parameters import LEGS
 from nermo_description.robots import load_robot
 from nermo_gap.cli import gap_app
+from nermo_gap.protocol.detectable import channels_of, detectable
 from nermo_gap.protocol.looks import LENGTH, looker
 from nermo_gap.protocol.pieces import REST, Piece, Protocol, Segment, Wave
 from nermo_gap.protocol.play import Body, play
@@ -171,3 +172,14 @@ def test_a_scene_that_cannot_be_read_is_said(tmp_path: Path) -> None:
     write_yaml({"protocol": "standard", "segment": "hung", "robot": "nermo", "scene": "pool"}, tmp_path / SCENE_FILE)
     with pytest.raises(GapInputError, match=r"scene\.yaml: scene"):
         scene_of(tmp_path)
+
+
+def test_a_protocol_shows_a_spine_and_feet_and_says_where() -> None:
+    robot = load_robot("nermo_lite")
+    rows = {(r.found.effect, r.found.site): r for r in detectable(robot, short("nermo_lite"), channels_of("", robot))}
+    slack, rough = rows["tendon_slack", "spine_left"], rows["com_shift", "torso"]
+    assert slack.found.smallest is not None and slack.found.smallest < 0.002
+    assert rough.found.smallest is not None and rough.piece == "hung: spine"
+    assert not any("tail" in site for _, site in rows)
+    with pytest.raises(GapInputError, match="choose from servos, knees, gyro, tracker"):
+        channels_of("nose", robot)

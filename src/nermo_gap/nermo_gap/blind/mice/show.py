@@ -45,10 +45,11 @@ def show(
     protocol: str = "standard",
     budget: float | None = BUDGET,
     fault: str | None = None,
+    only: tuple[str, ...] = (),
 ) -> Shown:
     """Draw a mouse, record it, diagnose it, open the seal, and say honestly how it went.
 
-    ``fault`` asks for one instead of drawing it.
+    ``fault`` asks for one instead of drawing it; ``only`` names the effects that are considered, all where empty.
 
     Raises:
         GapInputError: ``out`` holds something already, or there is no such protocol or fault.
@@ -72,7 +73,7 @@ def show(
         highlight=False,
     )
     with silence() as terminal, progress("align", terminal) as say:
-        options = Options(baselines=False, progress=say, budget=budget)
+        options = Options(baselines=False, only=only, progress=say, budget=budget)
         found = diagnose_recordings([recordings], None, options)
         found.report["command"] = f"nermo gap diagnose {recordings}"
         found.report["what_to_do"] = what_to_do(found.report, str(folder), [str(recordings)])
