@@ -27,12 +27,11 @@ def standard(robot: RobotParameters) -> Protocol:
 
 
 def walk(robot: RobotParameters) -> Protocol:
-    """A minute of walking alone, to compare with."""
+    """A minute of walking alone, without a stop, to compare with; a diagnosis looks all along it."""
     del robot
-    pieces = [_walk(f"walk {k}", f"walk, part {k} of 6", *say) for k, say in enumerate(_WALKS * 2, 1)]
-    return Protocol(
-        "walk", (Segment("walking", "floor", "Set the mouse down with a metre in front of it.", (*pieces,)),)
-    )
+    says = tuple((6.0 * k, _say(*how)) for k, how in enumerate(_WALKS * 2))
+    piece = Piece("walk", "walk, in turns slowly and fast, straight and to both sides", 60.0 + 2.0 * REST, (), says)
+    return Protocol("walk", (Segment("walking", "floor", "Set the mouse down with three metres around it.", (piece,)),))
 
 
 PROTOCOLS: dict[str, Callable[[RobotParameters], Protocol]] = {"standard": standard, "walk": walk}
@@ -61,11 +60,11 @@ def _hung(robot: RobotParameters) -> Segment:
     bend = Piece("spine", "bend the spine, ever faster", 6.0, tuple(bends), looks=(0.5,))
     legs = (
         Piece("hips slowly", "swing each hip slowly", 5.0, _legs("hip", 0.5, SLOW)),
-        Piece("hips fast", "swing each hip fast", 4.0, _legs("hip", 0.25, FAST)),
+        Piece("hips fast", "swing each hip fast", 4.0, _legs("hip", 0.25, FAST), looks=(1.0,)),
         Piece("knees slowly", "move each knee slowly", 5.0, _legs("knee", 0.5, SLOW)),
-        Piece("knees fast", "move each knee fast", 4.0, _legs("knee", 0.25, FAST)),
+        Piece("knees fast", "move each knee fast", 4.0, _legs("knee", 0.25, FAST), looks=(1.0,)),
         _steps("steps", "step one servo after the other", 0.3, LEGS, ("hip", "knee")),
-        Piece("legs together", "all legs at once", 5.0, tuple(together)),
+        Piece("legs together", "all legs at once", 5.0, tuple(together), looks=(1.5,)),
     )
     pieces = (*(legs if Channels.of(robot).servos else ()), bend)
     return Segment("hung", "hung", "Clamp the torso into the stand; no foot may touch anything.", pieces)
@@ -112,9 +111,13 @@ def _walking() -> Segment:
 
 
 def _walk(name: str, tell: str, speed: float, turn: float, gait: str, frequency: float) -> Piece:
-    say = ControlCommand(0, forward_velocity=speed, turn_rate=turn, gait=gait, gait_frequency=frequency)
+    say = _say(speed, turn, gait, frequency)
     # The first steps from the stand: later on a replay does not know enough of where everything is.
     return Piece(name, tell, 6.0, commands=((0.0, say),), looks=(0.35,))
+
+
+def _say(speed: float, turn: float, gait: str, frequency: float) -> ControlCommand:
+    return ControlCommand(0, forward_velocity=speed, turn_rate=turn, gait=gait, gait_frequency=frequency)
 
 
 def _still() -> Segment:

@@ -74,7 +74,7 @@ def show(
     )
     with silence() as terminal, progress("align", terminal) as say:
         options = Options(baselines=False, only=only, progress=say, budget=budget)
-        found = diagnose_recordings([recordings], None, options)
+        found = diagnose_recordings([recordings], robot, options)
         found.report["command"] = f"nermo gap diagnose {recordings}"
         found.report["what_to_do"] = what_to_do(found.report, str(folder), [str(recordings)])
         page = write_diagnosis(found, folder, None)
