@@ -107,8 +107,113 @@ def diagnose_command(
 
                 found = diagnose_recordings(recordings, robot, options, reference or ())
         found.report["command"] = called(_PROGRAM, "diagnose")
+        if mouse:
+            from nermo_gap.robots.checks import what_to_do
+
+            folder = out or (json_.parent if json_ else Path("diagnosis"))
+            found.report["what_to_do"] = what_to_do(found.report, str(folder), [str(r) for r in recordings])
         written = write_diagnosis(found, out or (None if json_ else Path("diagnosis")), json_)
     print_diagnosis(found, written)
+
+
+@gap_app.command("record")
+def record_command(
+    out: Annotated[Path, typer.Option(help="New folder for the recordings, one folder in it for each segment.")],
+    robot: Annotated[str, typer.Option(help="nermo, nermo_lite or a parameter file.")] = "nermo_lite",
+    protocol: Annotated[str, typer.Option(help="standard, or walk: a minute of walking alone.")] = "standard",
+    hidden: Annotated[
+        int | None, typer.Option(min=0, help="Record hidden mouse NUMBER, whose fault lies sealed beside.")
+    ] = None,
+    fault: Annotated[str | None, typer.Option(help="With --hidden: the fault, instead of drawing one.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensors' noise.")] = 0,
+) -> None:
+    """Play an experiment protocol on the twin: hung in a stand, standing, walking, still. `diagnose OUT` reads it.
+
+    \b
+    Examples:
+      nermo gap record --protocol standard --out recordings/today
+      nermo gap diagnose recordings/today
+      nermo gap record --hidden 7 --out mouse7
+    """
+    if fault is not None and hidden is None:
+        fail("--fault goes with --hidden NUMBER", 2)
+    with _refusals():
+        from nermo_description.robots import load_robot
+        from nermo_gap.blind.mice.mouse import draw
+        from nermo_gap.blind.mice.seal import Answer, seal
+        from nermo_gap.protocol.play import Body
+        from nermo_gap.protocol.record import record
+        from nermo_gap.protocol.standard import protocol_of
+
+        parameters = load_robot(robot)
+        chosen = protocol_of(protocol, parameters)
+        body, wrong = (Body.twin(parameters), None) if hidden is None else draw(parameters, hidden, fault)
+        with progress("record") as say:
+            folders = record(chosen, body, out, seed, say)
+        if hidden is not None and wrong is not None:
+            seal(Answer.of(robot, hidden, wrong), out)
+    typer.echo(f"{protocol}: {chosen.seconds:.0f} s of {parameters.name} in {len(folders)} segments")
+    typer.echo(f"next: nermo gap diagnose {out}")
+
+
+@gap_app.command("reveal")
+def reveal_command(
+    folder: Annotated[Path, typer.Argument(help="Recordings of a hidden mouse.")],
+    diagnosis: Annotated[Path | None, typer.Argument(help="The diagnosis.json of these recordings.")] = None,
+) -> None:
+    """Open the seal of a hidden mouse, and say whether a diagnosis agrees with the truth.
+
+    \b
+    Example:
+      nermo gap reveal mouse7 diagnosis/diagnosis.json
+    """
+    with _refusals():
+        from nermo_gap.blind.mice.seal import judge, open_seal
+        from simgap.correction.apply import read_diagnosis
+
+        answer = open_seal(folder)
+        typer.echo(f"truth: {answer.sentence()}")
+        if diagnosis is not None:
+            typer.echo(f"diagnosis: {judge(answer, read_diagnosis(diagnosis, corrected=False))}")
+
+
+@gap_app.command("detectability")
+def detectability_command(
+    robot: Annotated[str, typer.Option(help="nermo, nermo_lite or a parameter file.")] = "nermo_lite",
+    protocol: Annotated[str, typer.Option(help="standard or walk.")] = "standard",
+    sensors: Annotated[
+        str, typer.Option(help="Of servos, knees, gyro and tracker, with commas; by default what the robot has.")
+    ] = "",
+    json_: Annotated[Path | None, typer.Option("--json", help="File for the table.")] = None,
+) -> None:
+    """Say from which size on a protocol would show each effect of a mouse, in which piece and to which sensor.
+
+    \b
+    Example:
+      nermo gap detectability --robot nermo_lite --protocol standard
+      nermo gap detectability --robot nermo --sensors tracker,gyro
+    """
+    with _refusals():
+        from rich.console import Console
+        from rich.table import Table
+
+        from nermo_description.robots import load_robot
+        from nermo_gap.protocol.detectable import channels_of, detectable
+        from nermo_gap.protocol.standard import protocol_of
+        from simgap.analysis.diagnose import write_report
+        from simgap.console import size_of
+
+        parameters = load_robot(robot)
+        rows = detectable(parameters, protocol_of(protocol, parameters), channels_of(sensors, parameters))
+    table = Table("effect", "site", "from", "seen most in", "by", "not told from")
+    for row in rows:
+        found = row.found
+        smallest = "does not show" if found.smallest is None else f"{found.parameter} {size_of(found)}"
+        table.add_row(found.effect, found.site, smallest, row.piece, found.sensor, found.rival or "")
+    Console().print(table)
+    if json_ is not None:
+        told = {"schema": "nermo_gap/detectability/1", "robot": parameters.name, "protocol": protocol}
+        write_report({**told, "rows": [row.report() for row in rows]}, json_)
 
 
 gap_app.command("effects")(simgap.cli.effects_command)

@@ -150,8 +150,8 @@ def _print_detectable(rows: Sequence[Detectable], console: Console) -> None:
     console.print("[bold]what this recording could show, part by part, from which size on[/bold]")
     for site in dict.fromkeys(row.site for row in rows):
         mine = [row for row in rows if row.site == site]
-        size = [f"{r.effect} {_size(r)}" for r in mine if r.smallest is not None and r.rival is None]
-        like = [f"{r.effect} {_size(r)} (like {r.rival})" for r in mine if r.rival is not None]
+        size = [f"{r.effect} {size_of(r)}" for r in mine if r.smallest is not None and r.rival is None]
+        like = [f"{r.effect} {size_of(r)} (like {r.rival})" for r in mine if r.rival is not None]
         hidden = [r.effect for r in mine if r.smallest is None]
         console.print(f"[bold]{site}[/bold]: {', '.join(size) or 'nothing'}", highlight=False)
         for what, names in (("not told from another", like), ("does not show", hidden)):
@@ -159,7 +159,8 @@ def _print_detectable(rows: Sequence[Detectable], console: Console) -> None:
                 console.print(f"  {what}: {', '.join(names)}", highlight=False)
 
 
-def _size(row: Detectable) -> str:
+def size_of(row: Detectable) -> str:
+    """The smallest size of an effect that shows, with its unit."""
     if row.unit == "1":
         return f"x {row.smallest:.3g}" if row.parameter.startswith("factor") else f"{row.smallest:.2g}"
     return f"{row.smallest:.2g} {row.unit}"
@@ -197,6 +198,11 @@ def print_diagnosis(found: Diagnosis, report_file: Path | None = None) -> None:
         gain = proposed["expected_gain"]
         odds = f"odds of {math.exp(min(gain, 20.0)):.2g} to 1" if gain < 20.0 else "beyond doubt"
         console.print(f"next: {proposed['description']} (should tell them apart by {gain:.1f} nats, {odds})")
+    told = report.get("what_to_do", {})
+    for row in told.get("checks", ()):
+        console.print(f"check: {row['check']}", highlight=False)
+    for line in told.get("commands", ()):
+        console.print(f"type next: {line}", highlight=False, soft_wrap=True)
     for warning in report["warnings"]:
         console.print(f"[yellow]warning:[/yellow] {warning}")
     for line in report.get("data", {}).get("advice", ()):

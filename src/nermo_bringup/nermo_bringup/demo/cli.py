@@ -21,7 +21,14 @@ def demo(
     stepped: Annotated[
         bool, typer.Option("--stepped", help="The twin waits for each command: as slow as it must, and deterministic.")
     ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the twin's sensor noise.")] = 0,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Of the twin's sensor noise, 0 by default; with --gap the hidden mouse.")
+    ] = None,
+    gap: Annotated[
+        bool, typer.Option("--gap", help="Find the hidden fault of a made-up mouse instead, without the graph.")
+    ] = False,
+    fault: Annotated[str | None, typer.Option(help="With --gap: this fault, instead of drawing one.")] = None,
+    budget: Annotated[float, typer.Option(min=10.0, help="With --gap: seconds that the diagnosis may take.")] = 150.0,
     network: NetworkOption = None,
     json: Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")] = None,
 ) -> None:
@@ -34,11 +41,27 @@ def demo(
     \b
     nermo demo
     nermo demo --quick --out /tmp/demo --json demo.json
+    nermo demo --gap                                       # a fault is drawn, recorded, diagnosed, and then revealed
     """
     from rich.console import Console
 
     from nermo_bringup.demo.command import Settings, run_demo
 
+    if fault is not None and not gap:
+        raise typer.BadParameter("--fault goes with --gap")
+    if gap:
+        raise typer.Exit(_hidden_mouse(robot, seed, out, fault, budget))
     use_network(network)
-    settings = Settings(robot, out, quick, real_time_factor, stepped, video, seed)
+    settings = Settings(robot, out, quick, real_time_factor, stepped, video, seed or 0)
     raise typer.Exit(0 if run_demo(settings, json, Console()) else 1)
+
+
+def _hidden_mouse(robot: str, number: int | None, out: Path | None, fault: str | None, budget: float) -> int:
+    """Exit status: 0 where a mouse was recorded, diagnosed and revealed, whatever came out."""
+    import secrets
+
+    from nermo_bringup.recording.taps import dated_directory
+    from nermo_gap.blind.mice.show import demonstrate
+
+    chosen = secrets.randbelow(10_000) if number is None else number
+    return demonstrate(robot, chosen, out or dated_directory(Path("demo")), fault, budget)

@@ -13,8 +13,11 @@ from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_description.robots import load_robot
+from nermo_gap.protocol.looks import looker
+from nermo_gap.protocol.recorded import is_mcap, read
+from nermo_gap.protocol.scene import SceneFile, scene_of, segments
 from nermo_gap.robots.channels import Channels, resolution, robot_map, servos_report
-from nermo_gap.robots.mcap_table import mcap_table, recorded_robot
+from nermo_gap.robots.mcap_table import recorded_robot
 from nermo_gap.robots.menu import MouseMenu
 from nermo_gap.robots.model import diagnosis_spec
 from nermo_gap.robots.phases import gait_phases
@@ -24,7 +27,9 @@ from simgap.analysis.options import Options
 from simgap.data.channels import OutputChannel
 from simgap.data.errors import GapInputError
 from simgap.data.plant import Plant, build_plant
-from simgap.data.recording import load_table, recording_from_table
+from simgap.data.recording import Recording, recording_from_table
+from simgap.data.setup import AS_MODELLED, Setup
+from simgap.simulation.windows import WARM_UP
 
 Array = NDArray[np.float64]
 
@@ -105,18 +110,21 @@ def diagnose_robot(
     channels: Channels | None = None,
     sources: Sequence[str] = (),
     reference: Sequence[dict[str, Array]] = (),
+    stands: Sequence[Setup | None] = (),
 ) -> Diagnosis:
     """Diagnose recordings of the mouse, each a table as `mcap_table` and `simulate` give it.
 
-    ``reference``: recordings of the same mouse when it was well; then the fault is what is new.
+    ``reference``: recordings of the same mouse when it was well; then the fault is what is new. ``stands``: what each
+    recording, the references last, has hung in.
 
     Raises:
         GapInputError: the tables cannot be used.
     """
-    columns = [c for c in tables[0] if all(c in t for t in [*tables, *reference])]
+    every = [*tables, *reference]
+    columns = [c for c in tables[0] if all(c in t for t in every)]
     plant = robot_plant(robot, columns, channels)
-    names = list(sources) or [f"recording {i}" for i in range(len(tables) + len(reference))]
-    recordings = [recording_from_table(t, plant, n) for t, n in zip([*tables, *reference], names, strict=True)]
+    names = list(sources) or [f"recording {i}" for i in range(len(every))]
+    plant, recordings = placed(plant, every, list(stands) or [None] * len(every), names)
     well = recordings[len(tables) :]
     options = dataclasses.replace(options_for(plant, robot, columns, options), reference=well)
     # The twin tells of simulations that break down; here some candidates are meant to.
@@ -130,9 +138,24 @@ def diagnose_robot(
     return found
 
 
-def is_mcap(path: Path) -> bool:
-    """Whether a recording is an MCAP (a file, or the folder of a bag) rather than a table."""
-    return path.suffix.lower() == ".mcap" or path.is_dir()
+def warm_up_of(reports: bool) -> float:
+    """[s] before a window in which the model is held to the measurement; more where servos report."""
+    return REPORTING_WARM_UP if reports else WARM_UP
+
+
+def placed(
+    plant: Plant, tables: Sequence[dict[str, Array]], stands: Sequence[Setup | None], names: Sequence[str]
+) -> tuple[Plant, list[Recording]]:
+    """The plant with the stands that the recordings hung in, and the recordings, each in its own.
+
+    Raises:
+        GapInputError: a table lacks what the plant's map names.
+    """
+    setups = (AS_MODELLED, *dict.fromkeys(stand for stand in stands if stand is not None))
+    recordings = [recording_from_table(t, plant, n) for t, n in zip(tables, names, strict=True)]
+    for recording, stand in zip(recordings, stands, strict=True):
+        recording.setup = np.full(len(recording.time), 0.0 if stand is None else float(setups.index(stand)))
+    return dataclasses.replace(plant, setups=setups), recordings
 
 
 def diagnose_recordings(
@@ -147,13 +170,31 @@ def diagnose_recordings(
         GapInputError: a recording cannot be used.
         ParameterError: the robot's parameters cannot be read.
     """
-    every = [*paths, *reference]
-    said = {recorded_robot(p) for p in every if is_mcap(p)} - {None}
+    now = [folder for path in paths for folder in segments(path)]
+    well = [folder for path in reference for folder in segments(path)]
+    every, scenes = [*now, *well], [scene_of(path) for path in (*now, *well)]
+    said = {name for path, scene in zip(every, scenes, strict=True) if (name := _robot_of(path, scene))}
     if robot is None and len(said) > 1:
-        raise GapInputError(f"the recordings are of different robots ({', '.join(sorted(map(str, said)))})")
-    parameters = load_robot(robot or next((name for name in said if name), "nermo_lite"))
-    tables = [mcap_table(p, parameters) if is_mcap(p) else load_table(p) for p in every]
-    now, well = tables[: len(paths)], tables[len(paths) :]
-    found = diagnose_robot(now, parameters, options, sources=[str(p) for p in every], reference=well)
+        raise GapInputError(f"the recordings are of different robots ({', '.join(sorted(said))})")
+    parameters = load_robot(robot or next(iter(said), "nermo_lite"))
+    read_now, read_well = read(now, scenes[: len(now)], parameters), read(well, scenes[len(now) :], parameters)
+    if read_now.looks and (not well or read_now.looks == read_well.looks):
+        warm_up = warm_up_of(Channels.of(parameters).servos)
+        options = dataclasses.replace(options or Options(), cut=looker(read_now.looks, warm_up))
+    found = diagnose_robot(
+        read_now.tables,
+        parameters,
+        options,
+        sources=[str(p) for p in every],
+        reference=read_well.tables,
+        stands=[*read_now.stands, *read_well.stands],
+    )
     found.report["robot_file"] = robot or parameters.name
     return found
+
+
+def _robot_of(path: Path, scene: SceneFile | None) -> str | None:
+    """The robot that a recording says it is of."""
+    if scene is not None:
+        return scene.robot
+    return recorded_robot(path) if is_mcap(path) else None

@@ -16,6 +16,7 @@ from nermo_description.model import build_model
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_gap.robots.channels import GYRO, TRACKER, command, encoder, phase, position, torque
 from nermo_sim.loop import Loop, Script, schedule
+from nermo_sim.sensor_data import SensorData
 from nermo_sim.twin import Twin
 
 Array = NDArray[np.float64]
@@ -76,43 +77,58 @@ def simulate(
     twin = Twin(robot, model=model)
     loop = Loop(twin, Controller(robot, gait_parameters or GaitParameters(), twin.period_ns))
     script, noise = script or excitation(seconds), noise or Noise()
-    names = list(robot.servos)
     ticks = round(seconds * 1e9 / twin.period_ns)
-    rows: list[list[float]] = []
+    rows = Rows(twin)
     for tick in range(ticks):
         sensors = loop.sensors
-        state = twin.base_state()
         output = loop.controller.step(
             sensors.stamp, script(sensors.stamp), twin.odometry(), sensors.servo_positions, sensors.imu
         )
-        rows.append(
+        rows.add(sensors, output.servo_positions, output.leg_states.phases)
+        told = np.array(output.servo_positions)
+        loop.sensors = twin.step((told if servos is None else servos(tick, told)).tolist())
+    return rows.table(noise, np.random.default_rng(seed))
+
+
+class Rows:
+    """What is measured of a twin and told to it, tick by tick, with all channels that any mouse has."""
+
+    def __init__(self, twin: Twin[RobotParameters]) -> None:
+        self._twin, self._servos = twin, list(twin.robot.servos)
+        self._rows: list[list[float]] = []
+
+    def add(self, sensors: SensorData, told: Sequence[float], phases: Sequence[float]) -> None:
+        """One tick, before the twin obeys."""
+        state = self._twin.base_state()
+        self._rows.append(
             [
                 sensors.stamp * 1e-9,
-                *output.servo_positions,
+                *told,
                 *sensors.servo_positions,
                 *sensors.servo_torques,
                 *sensors.knee_encoders,
                 *sensors.angular_velocity,
                 *state.position,
                 *state.quaternion,
-                *output.leg_states.phases,
+                *phases,
             ]
         )
-        told = np.array(output.servo_positions)
-        loop.sensors = twin.step((told if servos is None else servos(tick, told)).tolist())
-    columns = [
-        "t",
-        *(command(s) for s in names),
-        *(position(s) for s in names),
-        *(torque(s) for s in names),
-        *(encoder(leg) for leg in LEGS),
-        *GYRO,
-        *TRACKER,
-        *(phase(leg) for leg in LEGS),
-    ]
-    table = dict(zip(columns, np.array(rows).T, strict=True))
-    _add_noise(table, names, noise, np.random.default_rng(seed))
-    return table
+
+    def table(self, noise: Noise, random: np.random.Generator) -> dict[str, Array]:
+        """All ticks, with the sensors' noise."""
+        columns = [
+            "t",
+            *(command(s) for s in self._servos),
+            *(position(s) for s in self._servos),
+            *(torque(s) for s in self._servos),
+            *(encoder(leg) for leg in LEGS),
+            *GYRO,
+            *TRACKER,
+            *(phase(leg) for leg in LEGS),
+        ]
+        table = dict(zip(columns, np.array(self._rows).T, strict=True))
+        _add_noise(table, self._servos, noise, random)
+        return table
 
 
 def _add_noise(table: dict[str, Array], servos: Sequence[str], noise: Noise, random: np.random.Generator) -> None:

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from simgap.analysis.experiment import Menu
 from simgap.analysis.localisation import Phases
+from simgap.data.align import Aligned
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording
 from simgap.effects.base import Effect
 from simgap.inference.candidates import Effort, Progress
 from simgap.inference.nuisance import Nuisance, enumerate_nuisances
 from simgap.simulation.integration import FINER
-from simgap.simulation.windows import WARM_UP
+from simgap.simulation.windows import WARM_UP, Windows
 
 Array = NDArray[np.float64]
 
@@ -46,6 +47,9 @@ class Options:
     horizon: float | None = None
     """[s] of a window, by default as long as the model is worth; shorter where the robot blows up an error of its start
     (`horizon.py`)."""
+    cut: Callable[[Aligned], Windows] | None = None
+    """Chooses the windows where somebody knows which of them tell most; then `max_windows`, `horizon` and `warm_up` say
+    nothing. By default the recording is tiled with them (`windows.cut`)."""
     warm_up: float = WARM_UP
     """[s] before a window in which the model is held to the measurement."""
     resolution: dict[str, float] = field(default_factory=dict)

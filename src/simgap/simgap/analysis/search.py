@@ -108,7 +108,9 @@ def search(
 
 
 def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, options: Options) -> Replayer:
-    """A replayer of windows as long as this robot lets them be."""
+    """A replayer of windows as long as this robot lets them be, or of those that were chosen."""
+    if options.cut is not None:
+        return Replayer(plant, aligned, options.cut(aligned), floor, options.threads)
     most = options.max_windows or affordable(plant.model)
     longest = options.horizon or (HORIZON if light(plant.model) else HORIZON_HEAVY)
     avoided = at_limit(aligned, floor)

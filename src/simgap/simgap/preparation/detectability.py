@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from simgap.analysis.isolability import angle_matrix
+from simgap.analysis.options import Options
 from simgap.data.align import Aligned
 from simgap.data.errors import GapInputError
 from simgap.data.plant import Plant
@@ -24,7 +25,6 @@ from simgap.effects.library import enumerate_effects
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Hypothesis
 from simgap.inference.model_selection import CLOSE, EVIDENCE, LEAD
-from simgap.inference.nuisance import enumerate_nuisances
 from simgap.inference.residual import BROKEN, Residuals
 from simgap.inference.scores import PER_PARAMETER
 from simgap.simulation.horizon import usable_horizon
@@ -104,18 +104,30 @@ def advice(rows: Sequence[Detectable]) -> list[str]:
     return found
 
 
-def detectability(plant: Plant, aligned: Aligned, floor: Array, threads: int | None = None) -> list[Detectable]:
-    """All effects of the library at single sites; empty where the recording holds too few windows."""
-    nominal = Variant.nominal(plant)
-    found = _windows(plant, aligned, floor, nominal, threads)
+def detectability(
+    plant: Plant, aligned: Aligned, floor: Array, threads: int | None = None, options: Options | None = None
+) -> list[Detectable]:
+    """All effects of the library at single sites; empty where the recording holds too few windows.
+
+    ``options``: how a diagnosis would be done, where not as of any robot: which effects and sites make sense, what may
+    be off without being a fault, and where it would look.
+    """
+    options, nominal = options or Options(), Variant.nominal(plant)
+    if options.cut is not None:
+        windows = options.cut(aligned)
+        found: tuple[Replayer, int] | None = Replayer(plant, aligned, windows, floor, threads), len(windows)
+    else:
+        found = _windows(plant, aligned, floor, nominal, threads)
     if found is None:
         return []
     replayer, whole = found
-    context = Context(plant, measure_scales(replayer, nominal))
-    effects = _single(enumerate_effects(context))
+    context = Context(plant, measure_scales(replayer, nominal), options.groups)
+    effects = enumerate_effects(context)
+    effects = _single(effects) if options.keep is None else [e for e in _first_forms(effects) if options.keep(e)]
     size = np.sqrt((aligned.inputs**2).mean(axis=0))
-    nuisances = enumerate_nuisances(plant, aligned.outputs.std(axis=0), size, aligned.period)
-    replayer = _affordable(replayer, len(effects) + len(nuisances) + 2 * replayer.state.size)
+    nuisances = options.nuisances(plant, aligned.outputs.std(axis=0), size, aligned.period)
+    if options.cut is None:
+        replayer = _affordable(replayer, len(effects) + len(nuisances) + 2 * replayer.state.size)
     residuals = Residuals.build(replayer, nominal)
     fitter = Fitter(residuals, nuisances)
     base = residuals.of([nominal])[0]
@@ -221,6 +233,14 @@ def _single(effects: Sequence[Effect]) -> list[Effect]:
     for effect in effects:
         if len(effect.site.targets) < 2 or effect.name not in alone:
             kept.setdefault(effect.key, effect)
+    return list(kept.values())
+
+
+def _first_forms(effects: Sequence[Effect]) -> list[Effect]:
+    """One form of each effect at each site."""
+    kept: dict[tuple[str, str], Effect] = {}
+    for effect in effects:
+        kept.setdefault((effect.name, effect.site.name), effect)
     return list(kept.values())
 
 
