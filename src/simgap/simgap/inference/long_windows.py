@@ -1,4 +1,4 @@
-"""The winner fitted once more in long windows, where the robot forgets its start.
+"""The winner fitted once more in long windows, of robots that do not enlarge an error of their start.
 
 A window of half a second begins where the robot was. An error that is slow or steady (a sag under load, a zero, the
 drag of a slow motion) shows little in it, and all of it in a run that nobody puts back to the measurement, which is
@@ -37,6 +37,8 @@ WIDER = (1.0, 4.0, 16.0)
 """Times as wide as usual are the priors of what nobody draws. The last leaves a factor of seven either way."""
 UNDRAWN = ("timing", "damping", "friction", "stiffness", "tendon", "armature", "gain", "rate gain", "zero")
 """First words of the names of numbers that no drawing holds."""
+_KEPT = 1.0
+"""Share of an error of the start that may be left at the end of a long window: friction holds it, chaos enlarges it."""
 _ROUNDS, _SETTLED = 4, 0.5
 """Of fitting with sensitivities taken anew, at most; and the gain [nats] of a round below which there is no other."""
 
@@ -86,11 +88,12 @@ def refit(fitter: Fitter, fit: Fit, say: Callable[[float], None] = lambda share:
     """
     if fit.likelihood is not None or fit.hypothesis.grows:
         return None
-    windows = _windows(fitter)
-    if windows is None or not forgets(fitter.residuals.replayer, _variant(fitter, fit)):
+    windows, base = _windows(fitter), fitter.residuals.replayer
+    if windows is None:
         return None
-    base = fitter.residuals.replayer
     replayer = Replayer(base.plant, base.aligned, windows, base.floor, base.threads)
+    if not forgets(replayer, _variant(fitter, fit), _KEPT):
+        return None
     residuals = Residuals.build(replayer, _variant(fitter, fit))
     plain = Fitter(residuals, fitter.nuisances, fitter.base)
     plain.estimate_independent(plain.replay(fit.hypothesis, [(fit.x, fit.z)])[0])

@@ -46,13 +46,13 @@ def usable_horizon(replayer: Replayer, nominal: Variant) -> float:
     return max(float(times[grown[0]]), SHORTEST) if len(grown) else float(times[-1])
 
 
-def forgets(replayer: Replayer, nominal: Variant) -> bool:
-    """Whether an error of the start has mostly gone by the end of a window, in most windows."""
+def forgets(replayer: Replayer, nominal: Variant, left: float = _FORGOTTEN) -> bool:
+    """Whether at most a share ``left`` of an error of the start is there at the end of a window, in most windows."""
     state = replayer.state
     if state.base is not None or not state.complete(replayer.plant.model):
         return False
     growth = start_growth(replayer, nominal)
-    return bool(growth.size and np.percentile(growth[..., -1].max(axis=0), _MANY) < _FORGOTTEN)
+    return bool(growth.size and np.percentile(growth[..., -1].max(axis=0), _MANY) < left)
 
 
 def start_growth(replayer: Replayer, nominal: Variant) -> Array:
