@@ -178,8 +178,9 @@ def test_a_protocol_shows_a_spine_and_feet_and_says_where() -> None:
     robot = load_robot("nermo_lite")
     rows = {(r.found.effect, r.found.site): r for r in detectable(robot, short("nermo_lite"), channels_of("", robot))}
     slack, rough = rows["tendon_slack", "spine_left"], rows["com_shift", "torso"]
-    assert slack.found.smallest is not None and slack.found.smallest < 0.002
-    assert rough.found.smallest is not None and rough.piece == "hung: spine"
+    assert slack.found.smallest is not None and slack.piece == "hung: spine"
+    assert slack.found.rival == "tendon_detached@spine_left", "a swing alone does not tell how slack the cable is"
+    assert rough.found.smallest is not None and rough.piece.startswith(("hung", "standing")), "no walk is needed for it"
     assert not any("tail" in site for _, site in rows)
     with pytest.raises(GapInputError, match="choose from servos, knees, gyro, tracker"):
         channels_of("nose", robot)
