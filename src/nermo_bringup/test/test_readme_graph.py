@@ -32,6 +32,7 @@ LIVE = [
 """Run by `test_who_does_as_the_readme_says_moves_the_mouse`."""
 READ_ONLY = [
     "./nermo demo",  # run with --quick by test_demo.py
+    "./nermo demo --gap",  # run by test_mice.py
     "./nermo test",  # that is us
     "./nermo up --web",  # test_web_graph.py
     "./nermo up",  # the live one without a recording
