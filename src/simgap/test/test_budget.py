@@ -35,3 +35,17 @@ def test_the_best_so_far_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [e["name"] for e in report["effects"]] == ["coulomb_friction"]
     assert report["effects"][0]["parameters"]["friction"]["value"] == pytest.approx(0.1, abs=0.02)
     assert any("roughly" in w for w in report["warnings"])
+
+
+@pytest.mark.parametrize("stage", ["fit", "drop", "growth"])
+def test_a_budget_may_end_in_any_stage(stage: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    reached: list[str] = []
+    monkeypatch.setattr(budget.Budget, "spent", lambda self, share=1.0: stage in reached and share < 1.0)
+    watch = budget.Budget.watch
+    monkeypatch.setattr(budget.Budget, "watch", lambda self, _: watch(self, lambda name, _: reached.append(name)))
+    plant, table = plant_of("pendulum"), simulate("pendulum", 30.0, change=_own_coulomb)
+    report = diagnose([recording_from_table(table, plant)], plant, Options(only=SOME, threads=1, budget=60.0)).report
+    assert stage in reached or stage == "drop", "one effect alone is never dropped"
+    if stage in reached:
+        assert any("budget" in w for w in report["warnings"])
+    assert report["verdict"] and report["waterfall"]

@@ -13,6 +13,8 @@ _STAGES = {
     "screen": "not every effect was screened",
     "fit": "effects were screened, not all of the promising ones were fitted",
     "finals": "leading effects were fitted roughly, not to the end",
+    "chance": "links that are late or lose by chance were not looked at to the end",
+    "growth": "whether what was found grows over the recording was not looked at",
 }
 _LATER = "no further effect beside the first was looked for to the end"
 

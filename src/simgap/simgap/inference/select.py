@@ -128,7 +128,10 @@ class Selector:
         if found.best is not found.reference:
             self._settle(found)
             if not self.budget.left_out:
-                self._grow(found)
+                try:
+                    self._grow(found)
+                except OutOfTimeError as spent:
+                    self.budget.ended(str(spent))
         return found
 
     def _begun_near(self, result: Selection) -> Selection | None:
