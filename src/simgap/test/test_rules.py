@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from robots import aligned_of, plant_of, simulate
 
-from simgap.analysis.diagnose import timing_at_its_limit
+from simgap.analysis.diagnose import odd_timing, timing_at_its_limit
 from simgap.analysis.self_contact import without_needless_contacts
 from simgap.data.mapping import parse_map
 from simgap.data.plant import build_plant, load_spec
@@ -59,6 +59,16 @@ def test_timing_that_sits_at_its_limit_is_said_with_its_size(z: float, said: str
         cast(Any, SimpleNamespace(z=values)), cast(Any, SimpleNamespace(nuisances=nuisances))
     )
     assert (f"({said}" in sentence and " ms)" in sentence and "link_latency" in sentence) if said else sentence == ""
+
+
+@pytest.mark.parametrize(("z", "said"), [(-12.0, "before"), (12.0, "after"), (0.9 * BOX, "")])
+def test_timing_beyond_any_tolerance_is_said_of_long_windows(z: float, said: str) -> None:
+    nuisances = enumerate_nuisances(plant_of("arm"), np.ones(2), np.ones(2), 0.005)
+    values = np.array([z if n.name == "timing of inputs" else 0.0 for n in nuisances])
+    longer, fitter = SimpleNamespace(fit=SimpleNamespace(z=values)), SimpleNamespace(nuisances=nuisances)
+    sentence = odd_timing(cast(Any, longer), cast(Any, fitter))
+    assert (f"ms {said} their stamps" in sentence) if said else sentence == ""
+    assert odd_timing(None, cast(Any, fitter)) == ""
 
 
 _LEG = """<mujoco><option timestep="0.002"/><worldbody><geom type="plane" size="1 1 .1" pos="0 0 {ground}"/>

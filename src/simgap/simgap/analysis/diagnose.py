@@ -122,7 +122,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     report["reference"] = healthy.report if healthy else None
     report["next_experiment"] = proposal.report() if proposal else None
     report["warnings"] = warnings + [
-        w for w in (timing_at_its_limit(selection.best.fit, fitter), budget.warning()) if w
+        w for w in (timing_at_its_limit(selection.best.fit, fitter), odd_timing(longer, fitter), budget.warning()) if w
     ]
     report["time_step_s"] = float(plant.model.opt.timestep)
     report["replayed_s"] = residuals.replayer.simulated_seconds
@@ -139,6 +139,21 @@ def timing_at_its_limit(fit: Fit, fitter: Fitter) -> str:
                 f"the timing of inputs sits at its limit ({1e3 * late:+.0f} ms): commands may act "
                 f"{'later' if late > 0 else 'earlier'} than their stamps by more than that; look at the clocks, and at "
                 "link_latency and servo_delay"
+            )
+    return ""
+
+
+def odd_timing(longer: LongWindows | None, fitter: Fitter) -> str:
+    """A word on inputs whose timing long windows put beyond any tolerance; empty where they do not."""
+    if longer is None:
+        return ""
+    for nuisance, z in zip(fitter.nuisances, longer.fit.z, strict=True):
+        if nuisance.name == "timing of inputs" and abs(z) > BOX:
+            late = nuisance.described().value(float(z))
+            return (
+                f"whole runs are followed best where inputs act {1e3 * abs(late):.0f} ms "
+                f"{'after' if late > 0 else 'before'} their stamps: that may stand for something that is missing in the "
+                "model (a command that is smoothed on its way); look at the clocks before you use it"
             )
     return ""
 
