@@ -152,8 +152,8 @@ def odd_timing(longer: LongWindows | None, fitter: Fitter) -> str:
             late = nuisance.described().value(float(z))
             return (
                 f"whole runs are followed best where inputs act {1e3 * abs(late):.0f} ms "
-                f"{'after' if late > 0 else 'before'} their stamps: that may stand for something that is missing in the "
-                "model (a command that is smoothed on its way); look at the clocks before you use it"
+                f"{'after' if late > 0 else 'before'} their stamps: that may stand for something that is missing in "
+                "the model (a command that is smoothed on its way); look at the clocks before you use it"
             )
     return ""
 
