@@ -10,12 +10,11 @@ import pytest
 from numpy.typing import NDArray
 from robots import plant_of, simulate
 
+from simgap.analysis.diagnose import Diagnosis, diagnose
 from simgap.analysis.options import Options
 from simgap.analysis.recalibration import calibration
-from simgap.analysis.search import Search, search
 from simgap.data.recording import recording_from_table
-from simgap.inference.budget import Budget
-from simgap.inference.long_windows import WIDER, folds_of_runs, refit, undrawn, widened
+from simgap.inference.long_windows import WIDER, folds_of_runs, undrawn, widened
 from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
@@ -28,7 +27,7 @@ def _truth(model: mujoco.MjModel) -> None:
 
 
 @pytest.fixture(scope="module")
-def found() -> Search:
+def found() -> Diagnosis:
     parts = []
     for run in range(3):
         made = simulate("arm", SECONDS, run, change=_truth)
@@ -36,17 +35,16 @@ def found() -> Search:
     table = {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
     plant = plant_of("arm", lambda data: data.update(segments={"column": "run"}))
     recording = recording_from_table(table, plant)
-    return search([recording], plant, Options(only=("coulomb_friction",), max_windows=12), Budget())
+    return diagnose([recording], plant, Options(only=("coulomb_friction",), max_windows=12, baselines=False))
 
 
-def test_long_windows_tell_a_number_that_priors_held_back(found: Search) -> None:
-    best, fitter = found.selection.best.fit, found.fitter
-    longer = refit(fitter, best)
+def test_long_windows_tell_a_number_that_priors_held_back(found: Diagnosis) -> None:
+    best, fitter, longer = found.selection.best.fit, found.selector.fitter, found.longer
     assert longer is not None
     assert longer.horizon == pytest.approx(5.0, abs=0.1)
     assert longer.gain > 0.0
     assert longer.wider in WIDER[1:]
-    model = found.plant.model
+    model = fitter.residuals.replayer.plant.model
     for joint in range(model.njnt):
         # Damping of the joint and of its servo are one to a joint.
         nominal, short, long = (_drag(found, z, joint) for z in (0.0 * best.z, best.z, longer.fit.z))
@@ -58,14 +56,28 @@ def test_long_windows_tell_a_number_that_priors_held_back(found: Search) -> None
         assert abs(row["prior_deviations"]) <= longer.box.max() + 1e-9
 
 
-def _drag(found: Search, z: Array, joint: int) -> float:
+def test_free_runs_and_the_report_take_its_numbers(found: Diagnosis) -> None:
+    report = found.report
+    assert report["long_windows"]["prior_wider"] in WIDER[1:]
+    by_model = {(row["run"], row["model"]): row for row in report["free_running"]}
+    for run in (0.0, 1.0, 2.0):
+        nominal, ours = by_model[run, "nominal"], by_model[run, "diagnosed"]
+        assert not ours["fitted_on_it"]
+        assert all(ours["rmse"][q] < 0.05 * nominal["rmse"][q] for q in ("q0", "q1"))
+    (effect,) = report["effects"]
+    assert effect["parameters"]["friction_elbow"]["value"] == pytest.approx(FRICTION, rel=0.05)
+    written = {(r["name"], r["site"]): r["value"] for r in report["calibration"]}
+    assert written["rate gain", "elbow_servo"] == pytest.approx(DRAG * 0.5, rel=0.1)
+
+
+def _drag(found: Diagnosis, z: Array, joint: int) -> float:
     """Damping of a joint with its servo's [N m s/rad]."""
-    made = found.fitter.variant(found.selection.best.fit.hypothesis, found.selection.best.fit.x, z).model
+    made = found.selector.fitter.variant(found.selection.best.fit.hypothesis, found.selection.best.fit.x, z).model
     return float(made.dof_damping[joint] - made.actuator_biasprm[joint, 2])
 
 
-def test_its_numbers_are_in_the_units_of_the_short_windows(found: Search) -> None:
-    fitter = found.fitter
+def test_its_numbers_are_in_the_units_of_the_short_windows(found: Diagnosis) -> None:
+    fitter = found.selector.fitter
     nuisance = next(n for n in fitter.nuisances if undrawn(n) and n.name.startswith("damping"))
     one, other = (Variant.nominal(fitter.residuals.replayer.plant) for _ in range(2))
     widened(nuisance, 4.0).apply(one, 0.3)
@@ -74,13 +86,13 @@ def test_its_numbers_are_in_the_units_of_the_short_windows(found: Search) -> Non
     assert widened(nuisance, 4.0).described().value(0.3) == pytest.approx(nuisance.described().value(1.2))
 
 
-def test_drawn_numbers_keep_their_priors(found: Search) -> None:
-    drawn = {n.name.split()[0] for n in found.fitter.nuisances if not undrawn(n)}
+def test_drawn_numbers_keep_their_priors(found: Diagnosis) -> None:
+    drawn = {n.name.split()[0] for n in found.selector.fitter.nuisances if not undrawn(n)}
     assert drawn >= {"mass", "com", "inertia"}
 
 
-def test_two_runs_are_too_few(found: Search) -> None:
-    whole, windows = found.aligned, found.fitter.windows
+def test_two_runs_are_too_few(found: Diagnosis) -> None:
+    whole, windows = found.aligned, found.selector.fitter.windows
     assert folds_of_runs(whole, windows) == {0.0: 0, 1.0: 1, 2.0: 2}
     assert folds_of_runs(replace(whole, runs=whole.runs[:2]), windows) is None
     assert folds_of_runs(replace(whole, held_out=(2.0,)), windows) is None
