@@ -88,7 +88,7 @@ def test_silence_makes_it_hold_then_crouch_and_it_walks_on_by_itself(rig: Rig) -
         before = len(rig.states())
         rig.workstation.walking = False
         until(lambda: rig.state() in ("crouch", "limp"), "it crouches")
-        if rig.state() == "crouch":
+        if "line_lost" not in str(rig.states()[before:]):
             break
     assert [entry["state"] for entry in rig.states()[before:]] == ["hold", "crouch"]
     rig.workstation.walking = True
