@@ -14,7 +14,8 @@ from simgap.analysis.diagnose import Diagnosis, diagnose
 from simgap.analysis.options import Options
 from simgap.analysis.recalibration import calibration
 from simgap.data.recording import recording_from_table
-from simgap.inference.long_windows import WIDER, folds_of_runs, undrawn, widened
+from simgap.inference.long_windows import WIDER, folds_of_runs, undrawn
+from simgap.report.sentences import sentences
 from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
@@ -66,6 +67,8 @@ def test_free_runs_and_the_report_take_its_numbers(found: Diagnosis) -> None:
         assert all(ours["rmse"][q] < 0.05 * nominal["rmse"][q] for q in ("q0", "q1"))
     (effect,) = report["effects"]
     assert effect["parameters"]["friction_elbow"]["value"] == pytest.approx(FRICTION, rel=0.05)
+    (said,) = [s for s in sentences(report) if "windows of 5 s" in s]
+    assert "times as far off as usual" in said
     written = {(r["name"], r["site"]): r["value"] for r in report["calibration"]}
     assert written["rate gain", "elbow_servo"] == pytest.approx(DRAG * 0.5, rel=0.1)
 
@@ -80,10 +83,10 @@ def test_its_numbers_are_in_the_units_of_the_short_windows(found: Diagnosis) -> 
     fitter = found.selector.fitter
     nuisance = next(n for n in fitter.nuisances if undrawn(n) and n.name.startswith("damping"))
     one, other = (Variant.nominal(fitter.residuals.replayer.plant) for _ in range(2))
-    widened(nuisance, 4.0).apply(one, 0.3)
+    nuisance.scaled(4.0).apply(one, 0.3)
     nuisance.apply(other, 1.2)
     np.testing.assert_allclose(one.model.dof_damping, other.model.dof_damping)
-    assert widened(nuisance, 4.0).described().value(0.3) == pytest.approx(nuisance.described().value(1.2))
+    assert nuisance.scaled(4.0).described().value(0.3) == pytest.approx(nuisance.described().value(1.2))
 
 
 def test_drawn_numbers_keep_their_priors(found: Diagnosis) -> None:

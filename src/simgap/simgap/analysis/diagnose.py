@@ -111,7 +111,9 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
             fitter, verdict.open, options.menu, options.seed, lambda share: options.say("next experiment", share)
         )
     longer = None
-    if verdict.kind not in ("no_gap", "unknown") and not budget.left_out and not budget.spent():
+    # Where no effect acts, nominal numbers within their tolerances are the answer: it is not told with others.
+    told = selection.best is not selection.reference and verdict.kind != "unknown"
+    if told and not budget.left_out and not budget.spent():
         longer = refit(fitter, selection.best.fit, lambda share: options.say("long windows", share))
     report = _report(aligned, floor, selector, selection, verdict, structure, options, longer)
     options.say("free runs", 0.0)

@@ -50,8 +50,6 @@ def steps(
         key = f"{effects[count - 1].name}@{effects[count - 1].site.name}"
         numbers = longer.fit if last and longer else fit
         found.append(Step(key, float(scores.gaps(fit.held)[0]), Model.of(DIAGNOSED if last else key, numbers)))
-    if not effects and longer:
-        found[-1] = Step(RECALIBRATED, found[-1].gap, Model.of(RECALIBRATED, longer.fit))
     return found
 
 

@@ -46,8 +46,7 @@ class Healthy:
         if nuisance.name.split()[0] in _OF_A_LOG:
             return nuisance
         share = float(np.clip(np.sqrt(2.0) * self.known.get(nuisance.name, 1.0), _LEAST, 1.0))
-        number = nuisance.number and replace(nuisance.number, spread=share * nuisance.number.spread)
-        return Nuisance(nuisance.name, lambda variant, z: nuisance.apply(variant, share * z), number)
+        return nuisance.scaled(share)
 
 
 def healthy(fitter: Fitter, fit: Fit, report: dict[str, Any]) -> Healthy:

@@ -102,7 +102,7 @@ def refit(fitter: Fitter, fit: Fit, say: Callable[[float], None] = lambda share:
     for k, wider in enumerate(WIDER):
         say(k / len(WIDER))
         share = np.array([wider if undrawn(n) else 1.0 for n in fitter.nuisances])
-        own = Fitter(residuals, [widened(n, s) for n, s in zip(fitter.nuisances, share, strict=True)], fitter.base)
+        own = Fitter(residuals, [n.scaled(s) for n, s in zip(fitter.nuisances, share, strict=True)], fitter.base)
         own.likelihood = plain.likelihood
         found = _fitted(own, fit, np.clip(fit.z / share, -BOX, BOX))
         gain = before - (float(np.nansum(found.held_cost)) + found.prior)
@@ -117,14 +117,6 @@ def refit(fitter: Fitter, fit: Fit, say: Callable[[float], None] = lambda share:
 def undrawn(nuisance: Nuisance) -> bool:
     """Whether a number is one that no drawing holds."""
     return nuisance.name.startswith(UNDRAWN)
-
-
-def widened(nuisance: Nuisance, share: float) -> Nuisance:
-    """A nominal number whose prior is ``share`` times as wide."""
-    if share == 1.0:
-        return nuisance
-    number = nuisance.number and replace(nuisance.number, spread=share * nuisance.number.spread)
-    return Nuisance(nuisance.name, lambda variant, z: nuisance.apply(variant, share * z), number)
 
 
 def _windows(fitter: Fitter) -> Windows | None:
@@ -174,7 +166,7 @@ def _held_cost(fitter: Fitter, fit: Fit) -> float:
     points = list(zip(fit.fold_x, fit.fold_z, strict=True))
     squares = fitter.mean_square(fitter.replay(fit.hypothesis, points))
     fold = fitter.windows.fold
-    held = np.array([squares[f, w] if f >= 0 else squares[0, w] for w, f in enumerate(fold)])
+    held = squares[fold, np.arange(len(fold))]
     return float(np.nansum(fitter.likelihood.held_out(held, fold, squares))) + fit.prior
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -88,6 +88,13 @@ class Nuisance:
     name: str
     apply: Callable[[Variant, float], None]
     number: Number | None = None
+
+    def scaled(self, share: float) -> Nuisance:
+        """With a prior ``share`` times as wide."""
+        if share == 1.0:
+            return self
+        number = self.number and replace(self.number, spread=share * self.number.spread)
+        return Nuisance(self.name, lambda variant, z: self.apply(variant, share * z), number)
 
     def described(self) -> Number:
         """Its physical description; in standard deviations of the prior where none was given."""

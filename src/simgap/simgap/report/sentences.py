@@ -50,7 +50,7 @@ def title(report: Report) -> str:
 
 def sentences(report: Report) -> list[str]:
     """Where, what, how far in short windows and running free; what is left; which numbers sit at their limits."""
-    parts = (where, what, how_far, free, agreed, left, beside, limits)
+    parts = (where, what, how_far, free, longer, agreed, left, beside, limits)
     return [text for part in parts if (text := part(report))]
 
 
@@ -170,6 +170,19 @@ def free(report: Report) -> str:
     return (
         f"Running free {how}{seen}, the error at {name} {change} from {amount(first[name], unit)} to "
         f"{amount(last[name], unit)}."
+    )
+
+
+def longer(report: Report) -> str:
+    """That the numbers are those of long windows, where they are."""
+    found = report.get("long_windows")
+    if not found:
+        return ""
+    wider = found["prior_wider"]
+    freer = f", and what no drawing holds may be {wider:g} times as far off as usual" if wider > 1.0 else ""
+    return (
+        f"Sizes and numbers are those of windows of {found['horizon_s']:.3g} s{freer}: runs that a fit has not seen "
+        f"are {found['gain']:.0f} nats likelier with them. Which cause acts was decided in short windows."
     )
 
 

@@ -23,9 +23,6 @@ from simgap.analysis.options import Options
 from simgap.console import print_diagnosis, progress, silence, write_diagnosis
 from simgap.data.errors import GapInputError
 
-BUDGET = 150.0
-"""[s] that the diagnosis may take, by default."""
-
 
 @dataclass(frozen=True)
 class Shown:
@@ -43,13 +40,14 @@ def show(
     out: Path,
     console: Console,
     protocol: str = "standard",
-    budget: float | None = BUDGET,
+    budget: float | None = None,
     fault: str | None = None,
     only: tuple[str, ...] = (),
 ) -> Shown:
     """Draw a mouse, record it, diagnose it, open the seal, and say honestly how it went.
 
-    ``fault`` asks for one instead of drawing it; ``only`` names the effects that are considered, all where empty.
+    ``budget`` [s] is what the diagnosis may take. ``fault`` asks for one instead of drawing it; ``only`` names the
+    effects that are considered, all where empty.
 
     Raises:
         GapInputError: ``out`` holds something already, or there is no such protocol or fault.
