@@ -225,6 +225,17 @@ def test_a_stop_reaches_the_twin_and_only_a_release_ends_it(graph: Graph, browse
     graph.until(lambda: page.locator("#stopped").is_hidden(), "the page says so")
 
 
+def test_a_stop_that_is_pressed_while_the_line_is_down_arrives_later(graph: Graph, browser: Browser) -> None:
+    page = open_page(graph, browser, scene=False)
+    hand_on_stick(page)
+    graph.until(lambda: (graph.told or 0.0) > 0.0, "the mouse is told to walk")
+    page.evaluate("line.close()")
+    graph.until(lambda: graph.told == 0.0, "the line is down, and the mouse stops")
+    page.evaluate("line.close(); document.getElementById('stop').dispatchEvent(new PointerEvent('pointerdown'))")
+    graph.until(lambda: graph.stops[-1:] == [True], "the stop is said by the next line")
+    graph.until(lambda: graph.twin.startswith("limp: emergency_stop (/nermo/web says stop"), "the twin is limp")
+
+
 def test_sliders_set_parameters_and_a_refusal_is_said(graph: Graph, browser: Browser) -> None:
     page = open_page(graph, browser, scene=False)
     name = "front.swing_amplitude"

@@ -26,12 +26,17 @@ function open() {
     const message = JSON.parse(event.data);
     ({ hello, state: show, parameters, said })[message.kind](message);
   };
+  line.onopen = tellStop;
   line.onclose = () => { letGo(); setTimeout(open, 1000); };
 }
 setInterval(() => {
   send({ kind: "beat", sent: performance.now() });
   const lost = performance.now() - heardAt > LOST_MS;
-  if (lost) { $("status").textContent = "no word from the robot: trying to reach it …"; $("status").className = "bad"; }
+  if (lost) {
+    $("status").textContent = (stopWanted ? "STOP has not arrived: " : "") + "no word from the robot: trying to reach it …";
+    $("status").className = "bad";
+  }
+  tellStop();
   document.body.dataset.connected = !lost;
 }, BEAT_PERIOD_MS);
 
@@ -92,8 +97,13 @@ document.addEventListener("visibilitychange", () => { if (document.hidden) letGo
 
 // --- Stop, and its deliberate end
 
-$("stop").addEventListener("pointerdown", () => { letGo(); send({ kind: "stop" }); });
-$("stop").addEventListener("keydown", (event) => { if (event.key === "Enter" || event.key === " ") send({ kind: "stop" }); });
+// A stop that is pressed while the line is down must not be lost: it is said again until the robot's side says it is
+// stopped, also by a line that is opened later.
+let stopWanted = false;
+function tellStop() { if (stopWanted) send({ kind: "stop" }); }
+function pressStop() { letGo(); stopWanted = true; tellStop(); }
+$("stop").addEventListener("pointerdown", pressStop);
+$("stop").addEventListener("keydown", (event) => { if (event.key === "Enter" || event.key === " ") pressStop(); });
 let releaseTimer = 0;
 function holdRelease(event) {
   event.preventDefault();
@@ -149,6 +159,7 @@ const put = (id, text) => { if ($(id).textContent !== text) $(id).textContent = 
 
 function show(message) {
   state = message;
+  if (message.stopped) stopWanted = false;
   put("speed", (100 * message.speed_m_s).toFixed(1));
   put("commanded", (100 * message.commanded_m_s).toFixed(1));
   put("turn", (message.turn_rad_s * 180 / Math.PI).toFixed(0));
