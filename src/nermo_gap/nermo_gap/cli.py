@@ -125,6 +125,9 @@ def record_command(
         int | None, typer.Option(min=0, help="Record hidden mouse NUMBER, whose fault lies sealed beside.")
     ] = None,
     fault: Annotated[str | None, typer.Option(help="With --hidden: the fault, instead of drawing one.")] = None,
+    markers: Annotated[
+        bool, typer.Option("--markers", help="The tracker sees a marker at each foot and at the rear torso too.")
+    ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sensors' noise.")] = 0,
 ) -> None:
     """Play an experiment protocol on the twin: hung in a stand, standing, walking, still. `diagnose OUT` reads it.
@@ -134,6 +137,7 @@ def record_command(
       nermo gap record --protocol standard --out recordings/today
       nermo gap diagnose recordings/today
       nermo gap record --hidden 7 --out mouse7
+      nermo gap record --hidden 7 --markers --out mouse7
     """
     if fault is not None and hidden is None:
         fail("--fault goes with --hidden NUMBER", 2)
@@ -146,8 +150,9 @@ def record_command(
         from nermo_gap.protocol.standard import protocol_of
 
         parameters = load_robot(robot)
-        chosen = protocol_of(protocol, parameters)
-        body, wrong = (Body.twin(parameters), None) if hidden is None else draw(parameters, hidden, fault)
+        chosen = protocol_of(protocol, parameters, markers)
+        twin = Body.twin(parameters, markers)
+        body, wrong = (twin, None) if hidden is None else draw(parameters, hidden, fault, markers)
         with progress("record") as say:
             folders = record(chosen, body, out, seed, say)
         if hidden is not None and wrong is not None:
@@ -182,7 +187,8 @@ def detectability_command(
     robot: Annotated[str, typer.Option(help="nermo, nermo_lite or a parameter file.")] = "nermo_lite",
     protocol: Annotated[str, typer.Option(help="standard or walk.")] = "standard",
     sensors: Annotated[
-        str, typer.Option(help="Of servos, knees, gyro and tracker, with commas; by default what the robot has.")
+        str,
+        typer.Option(help="Of servos, knees, gyro, tracker, markers, with commas; by default what the robot has."),
     ] = "",
     json_: Annotated[Path | None, typer.Option("--json", help="File for the table.")] = None,
 ) -> None:
@@ -204,7 +210,8 @@ def detectability_command(
         from simgap.console import size_of
 
         parameters = load_robot(robot)
-        rows = detectable(parameters, protocol_of(protocol, parameters), channels_of(sensors, parameters))
+        channels = channels_of(sensors, parameters)
+        rows = detectable(parameters, protocol_of(protocol, parameters, channels.markers), channels)
     table = Table("effect", "site", "from", "seen most in", "by", "not told from")
     for row in rows:
         found = row.found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -24,14 +25,16 @@ from nermo_gap.protocol.record import record
 from nermo_gap.protocol.recorded import read
 from nermo_gap.protocol.scene import SCENE_FILE, scene_of, segments
 from nermo_gap.protocol.standard import PROTOCOLS, standard
-from nermo_gap.robots.channels import TRACKER, command
+from nermo_gap.robots.channels import MARKERS, TRACKER, command, marker
 from nermo_gap.robots.diagnosis import placed, robot_plant
 from nermo_gap.robots.simulated import Noise
+from nermo_gap.robots.sites import nuisances, worth_a_look
 from nermo_gap.robots.stand import Stand
 from nermo_sim.twin import Twin
 from simgap.data.align import align
 from simgap.data.errors import GapInputError
 from simgap.data.recording import concatenate, recording_from_table
+from simgap.effects.sensor import SensorBias, sensor_sites
 from simgap.simulation.replay import Replayer
 from simgap.simulation.variant import Variant
 
@@ -80,6 +83,42 @@ def test_every_protocol_keeps_to_the_servos_of_a_mouse_and_rests_between_pieces(
 def test_a_mouse_whose_servos_say_nothing_hangs_for_its_spine_alone() -> None:
     names = {n: [p.name for p in standard(load_robot(n)).segments[0].pieces] for n in ("nermo", "nermo_lite")}
     assert names["nermo_lite"] == ["spine"] and {"hips slowly", "spine"} < set(names["nermo"])
+    seen = standard(load_robot("nermo_lite"), markers=True).segments[0].pieces
+    assert [p.name for p in seen] == names["nermo"], "with markers at its feet each leg is seen"
+
+
+def test_markers_are_where_they_are_glued_and_are_not_always_seen() -> None:
+    robot, glued = load_robot("nermo_lite"), np.zeros((len(MARKERS), 3))
+    glued[:, 0] = 0.001
+    still = Segment("still", "floor", "stand", (Piece("still", "stand still", 4.0),))
+    table = {}
+    for off in (0.0, 1.0):
+        body = Body(robot, lambda: build_model(robot), noise=replace(QUIET, hidden=0.2), markers=off * glued)
+        table[off], _ = play(still, body, Stand(), np.zeros(7), np.random.default_rng(1))
+    hidden = [np.isnan(table[0.0][marker(place)[0]]).mean() for place in MARKERS]
+    assert 0.05 < np.mean(hidden) < 0.4
+    for place in MARKERS:
+        seen, shifted = (np.array([table[off][c] for c in marker(place)]).T for off in (0.0, 1.0))
+        assert (np.isnan(seen).all(axis=1) == np.isnan(seen).any(axis=1)).all(), "all of a marker is hidden"
+        away = np.linalg.norm(shifted - seen, axis=1)
+        np.testing.assert_allclose(away[np.isfinite(away)], 0.001, rtol=1e-6)
+    foot = np.nanmean(table[0.0][marker("front_left_foot")[2]])
+    assert 0.0 < foot < 0.01 < np.nanmean(table[0.0][marker("rear_torso")[2]]), "feet are on the floor"
+    plain, _ = play(still, Body.twin(robot), Stand(), np.zeros(7), np.random.default_rng(1))
+    assert not any(name.startswith("marker_") for name in plain)
+
+
+def test_with_markers_each_leg_has_numbers_of_its_own() -> None:
+    robot, told = load_robot("nermo_lite"), [command(s) for s in load_robot("nermo_lite").servos]
+    names = {}
+    for markers in (False, True):
+        columns = [*told, *TRACKER, *(c for place in MARKERS for c in marker(place) if markers)]
+        plant = robot_plant(robot, columns)
+        sizes = np.ones(len(plant.outputs)), np.ones(len(plant.inputs))
+        names[markers] = {n.name for n in nuisances(plant, *sizes, 0.005)}
+        assert not [s for s in sensor_sites(plant) if worth_a_look(plant)(SensorBias(s, ()))]
+    assert "gain front knee" in names[False] and "gain front_left_knee" in names[True] - names[False]
+    assert {"marker front_left_foot x", "marker rear_right_foot z"} < names[True] - names[False]
 
 
 def test_a_wave_swells_dies_down_and_stays_on_its_side() -> None:
@@ -182,5 +221,5 @@ def test_a_protocol_shows_a_spine_and_feet_and_says_where() -> None:
     assert slack.found.rival == "tendon_detached@spine_left", "a swing alone does not tell how slack the cable is"
     assert rough.found.smallest is not None and rough.piece.startswith(("hung", "standing")), "no walk is needed for it"
     assert not any("tail" in site for _, site in rows)
-    with pytest.raises(GapInputError, match="choose from servos, knees, gyro, tracker"):
+    with pytest.raises(GapInputError, match="choose from servos, knees, gyro, tracker, markers"):
         channels_of("nose", robot)

@@ -19,7 +19,7 @@ from nermo_description.model import build_model
 from nermo_description.parameters import LEGS
 from nermo_description.robots import load_robot
 from nermo_gap.cli import gap_app
-from nermo_gap.robots.channels import GYRO, TRACKER, command, encoder, position, resolution
+from nermo_gap.robots.channels import GYRO, MARKERS, TRACKER, command, encoder, marker, position, resolution
 from nermo_gap.robots.diagnosis import REPORTING_HORIZON, REPORTING_WARM_UP, diagnose_recordings, robot_plant
 from nermo_gap.robots.live import LiveGap
 from nermo_gap.robots.mcap_table import mcap_table
@@ -184,6 +184,10 @@ def write_mcap(path: Path, columns: dict[str, Array], servos: list[str], joint_e
                     header(stamp), knees, values([encoder(leg) for leg in LEGS]), none, none
                 )
                 write("joint_states", "sensor_msgs/msg/JointState", joints, stamp)
+            for place in (p for p in MARKERS if marker(p)[0] in columns and not np.isnan(columns[marker(p)[0]][row])):
+                seen = make["geometry_msgs/msg/Point"](*values(list(marker(place))))
+                point = make["geometry_msgs/msg/PointStamped"](header(stamp), seen)
+                write(f"tracker/markers/{place}", "geometry_msgs/msg/PointStamped", point, stamp)
         writer.finish()
 
 
@@ -199,6 +203,22 @@ def test_a_recording_of_the_graph_gives_the_same_table(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read[knee][::4], short[knee][::4])
     assert np.isnan(read[knee][1::4]).all()
     assert not set(GYRO) & set(read) and not set(TRACKER) & set(read)
+    assert not any(name.startswith("marker_") for name in read)
+
+
+def test_markers_of_a_tracker_are_read_and_may_be_hidden_for_a_while(tmp_path: Path) -> None:
+    robot = load_robot("nermo_lite")
+    columns = {n: v[:100] for n, v in table("nermo_lite").items()}
+    x, y, z = marker("rear_left_foot")
+    columns |= {name: np.linspace(0.0, k, 100) for k, name in enumerate((x, y, z), 1)}
+    columns[x][20:30] = np.nan
+    write_mcap(tmp_path / "walk.mcap", columns, list(robot.servos))
+    read = mcap_table(tmp_path / "walk.mcap", robot)
+    assert not set(marker("rear_torso")) & set(read)
+    assert np.isnan(read[y][20:30]).all() and np.isfinite(read[y][:20]).all() and np.isfinite(read[y][30:]).all()
+    np.testing.assert_array_equal(read[z][:20], columns[z][:20])
+    plant = robot_plant(robot, list(read))
+    assert [output.subsystem for output in plant.outputs if output.name in (x, y, z)] == ["rear_left foot"] * 3
 
 
 def test_a_recording_of_another_robot_is_refused(tmp_path: Path) -> None:

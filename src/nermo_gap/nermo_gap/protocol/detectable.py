@@ -59,7 +59,7 @@ def detectable(robot: RobotParameters, protocol: Protocol, channels: Channels, s
         GapInputError: the protocol is too short.
         SimulationDivergedError: the twin broke down.
     """
-    stand, body, random = Stand(), Body.twin(robot), np.random.default_rng(seed)
+    stand, body, random = Stand(), Body.twin(robot, channels.markers), np.random.default_rng(seed)
     rest = stand.rest(build_model(robot))
     hung, tables = stand.setup(rest), []
     looks: dict[float, tuple[float, ...]] = {}

@@ -15,6 +15,7 @@ from nermo_control.types import ControlCommand, Posture
 from nermo_description.model import build_model
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_gap.protocol.pieces import REST, Piece, Segment
+from nermo_gap.robots.channels import MARKERS
 from nermo_gap.robots.simulated import Noise, Rows
 from nermo_gap.robots.stand import Stand
 from nermo_sim.loop import Script, schedule
@@ -41,11 +42,13 @@ class Body:
     model: Callable[[], mujoco.MjModel]
     servos: Callable[[], Callable[[Array], Array]] | None = None
     noise: Noise = field(default_factory=Noise)
+    markers: Array | None = None
+    """(markers, 3) [m] Where markers are glued, beside the frames where they should be; None where it wears none."""
 
     @classmethod
-    def twin(cls, robot: RobotParameters) -> Body:
+    def twin(cls, robot: RobotParameters, markers: bool = False) -> Body:
         """The twin as it is."""
-        return cls(robot, lambda: build_model(robot))
+        return cls(robot, lambda: build_model(robot), markers=np.zeros((len(MARKERS), 3)) if markers else None)
 
 
 def play(
@@ -67,7 +70,7 @@ def play(
         twin.data.qpos[root : root + 7] = stand.pose()
         mujoco.mj_forward(twin.model, twin.data)
     servos = body.servos() if body.servos is not None else _unchanged
-    rows, runs = Rows(twin), []
+    rows, runs = Rows(twin, body.markers), []
     neutral = np.array([servo.neutral for servo in body.robot.servos.values()])
     for _ in range(round(SETTLE * 1e9 / twin.period_ns)):
         twin.step(servos(neutral).tolist())

@@ -17,38 +17,39 @@ STEP = 0.6
 """[s] of a servo's step to both sides."""
 
 
-def standard(robot: RobotParameters) -> Protocol:
+def standard(robot: RobotParameters, markers: bool = False) -> Protocol:
     """A minute or a minute and a half: hung in a stand, standing, walking, still.
 
-    A swinging leg of two grams does not move a torso that a tracker could see it: a mouse whose servos report nothing
-    hangs for its spine alone.
+    A swinging leg of two grams does not move a torso that a tracker could see it: a mouse whose servos report nothing,
+    and that wears no ``markers``, hangs for its spine alone.
     """
-    return Protocol("standard", (_hung(robot), _standing(robot), _walking(), _still()))
+    legs = markers or Channels.of(robot).servos
+    return Protocol("standard", (_hung(robot, legs), _standing(robot), _walking(), _still()))
 
 
-def walk(robot: RobotParameters) -> Protocol:
+def walk(robot: RobotParameters, markers: bool = False) -> Protocol:
     """A minute of walking alone, without a stop, to compare with; a diagnosis looks all along it."""
-    del robot
+    del robot, markers
     says = tuple((6.0 * k, _say(*how)) for k, how in enumerate(_WALKS * 2))
     piece = Piece("walk", "walk, in turns slowly and fast, straight and to both sides", 60.0 + 2.0 * REST, (), says)
     return Protocol("walk", (Segment("walking", "floor", "Set the mouse down with three metres around it.", (piece,)),))
 
 
-PROTOCOLS: dict[str, Callable[[RobotParameters], Protocol]] = {"standard": standard, "walk": walk}
+PROTOCOLS: dict[str, Callable[[RobotParameters, bool], Protocol]] = {"standard": standard, "walk": walk}
 
 
-def protocol_of(name: str, robot: RobotParameters) -> Protocol:
-    """A protocol by its name.
+def protocol_of(name: str, robot: RobotParameters, markers: bool = False) -> Protocol:
+    """A protocol by its name, for a mouse with or without markers on its feet.
 
     Raises:
         GapInputError: there is none of this name.
     """
     if name not in PROTOCOLS:
         raise GapInputError(f"protocol {name!r} is unknown: choose one of {', '.join(PROTOCOLS)}")
-    return PROTOCOLS[name](robot)
+    return PROTOCOLS[name](robot, markers)
 
 
-def _hung(robot: RobotParameters) -> Segment:
+def _hung(robot: RobotParameters, seen: bool) -> Segment:
     spine = [s for s in robot.servos if s.startswith("spine")]
     # Not faster: the tail swings at 3 Hz, and nobody knows how.
     bends = [Wave(s, 0.35, 0.3, 1.5, one_way=robot.servos[s].lower >= 0.0) for s in spine]
@@ -66,7 +67,7 @@ def _hung(robot: RobotParameters) -> Segment:
         _steps("steps", "step one servo after the other", 0.3, LEGS, ("hip", "knee")),
         Piece("legs together", "all legs at once", 5.0, tuple(together), looks=(1.5,)),
     )
-    pieces = (*(legs if Channels.of(robot).servos else ()), bend)
+    pieces = (*(legs if seen else ()), bend)
     return Segment("hung", "hung", "Clamp the torso into the stand; no foot may touch anything.", pieces)
 
 

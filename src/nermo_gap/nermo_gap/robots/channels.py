@@ -17,6 +17,8 @@ TRACKER = ("base_x", "base_y", "base_z", "base_qw", "base_qx", "base_qy", "base_
 """Pose of base_link in the tracker's frame, z up: [m] and quaternion."""
 GYRO = ("gyro_x", "gyro_y", "gyro_z")
 """[rad/s], IMU axes."""
+MARKERS = {**{f"{leg}_foot": ("site", f"{leg}_foot") for leg in LEGS}, "rear_torso": ("body", "rear_torso")}
+"""What else a tracker may see, each by a marker of its own: its name, and the frame of the model where it is glued."""
 RESOLUTION = {
     "position": 1e-3,  # [rad] chosen: a magnetic encoder of 12 bits has 1.5e-3
     "torque": 2e-3,  # [N m] chosen: 1 % of the stall torque, from a current of 10 bits
@@ -24,6 +26,7 @@ RESOLUTION = {
     "gyro": 5e-3,  # [rad/s] chosen: a cheap MEMS gyro over 100 Hz
     "place": 1e-4,  # [m] chosen: a motion tracker of 0.1 mm
     "quaternion": 5e-4,  # chosen: 1 mrad
+    "marker": 1e-4,  # [m] chosen: as the place
 }
 """No noise floor is below these: what the sensors can resolve."""
 
@@ -37,12 +40,14 @@ class Channels:
     knees: bool
     gyro: bool
     tracker: bool
+    markers: bool
+    """Of the tracker, on the feet and the rear torso."""
 
     @classmethod
-    def of(cls, robot: RobotParameters) -> Channels:
-        """What the robot has: Nermo's boards report, Nermo-Lite's servos do not."""
+    def of(cls, robot: RobotParameters, markers: bool = False) -> Channels:
+        """What the robot has: Nermo's boards report, Nermo-Lite's servos do not. Who has markers must say so."""
         reports = robot.servo_type.integral_gain > 0.0 or "spine_vertical" in robot.servos
-        return cls(servos=reports, knees=reports, gyro=reports, tracker=True)
+        return cls(servos=reports, knees=reports, gyro=reports, tracker=True, markers=markers)
 
 
 def command(servo: str) -> str:
@@ -70,6 +75,11 @@ def phase(leg: str) -> str:
     return f"{leg}_phase"
 
 
+def marker(place: str) -> tuple[str, str, str]:
+    """Columns of a marker's place in the tracker's frame [m]."""
+    return f"marker_{place}_x", f"marker_{place}_y", f"marker_{place}_z"
+
+
 def leg_servos(robot: RobotParameters) -> list[str]:
     """Servos that move the mouse: legs and spine. Tail and head are driven, but not judged."""
     return [s for s in robot.servos if s.startswith(("front", "rear", "spine"))]
@@ -81,7 +91,7 @@ def robot_map(robot: RobotParameters, columns: Collection[str], channels: Channe
     Raises:
         GapInputError: nothing is commanded or measured.
     """
-    channels = channels or Channels.of(robot)
+    channels = channels or Channels.of(robot, markers=True)
     inputs = [
         {"column": command(s), "unit": "rad", "actuator": s, "kind": "position"}
         for s in robot.servos
@@ -107,6 +117,12 @@ def robot_map(robot: RobotParameters, columns: Collection[str], channels: Channe
             {"column": c, "unit": "1", "site": "base_link", "quantity": "orientation", "component": c[-1]}
             for c in TRACKER[3:]
         ]
+    if channels.markers:
+        outputs += [
+            {"column": c, "unit": "m", kind: name, "quantity": "position", "component": c[-1]}
+            for place, (kind, name) in MARKERS.items()
+            for c in marker(place)
+        ]
     data: dict[str, object] = {
         "time": {"column": "t", "unit": "s"},
         "inputs": inputs,
@@ -123,9 +139,15 @@ def servos_report(mapping: Map) -> bool:
     return any(row.column.endswith("_position") for row in mapping.outputs)
 
 
+def sees_legs(mapping: Map) -> bool:
+    """Whether each leg is seen by itself: by its servos, or by a marker at its foot."""
+    return servos_report(mapping) or any(row.column.startswith("marker_") for row in mapping.outputs)
+
+
 def resolution(columns: Collection[str]) -> dict[str, float]:
     """Least noise floor of each output column."""
     ends = {"_position": "position", "_torque": "torque", "_encoder": "encoder"}
     found = {c: RESOLUTION[kind] for c in columns for end, kind in ends.items() if c.endswith(end)}
+    found |= {c: RESOLUTION["marker"] for c in columns if c.startswith("marker_")}
     found |= dict.fromkeys(GYRO, RESOLUTION["gyro"]) | dict.fromkeys(TRACKER[:3], RESOLUTION["place"])
     return found | dict.fromkeys(TRACKER[3:], RESOLUTION["quaternion"])

@@ -80,6 +80,9 @@ def subsystem(output: OutputChannel) -> str:
         return "IMU"
     if leg is not None and name.endswith("encoder"):
         return f"{leg} knee joint"
+    if name.startswith("marker_"):
+        place = name.removeprefix("marker_").rsplit("_", 1)[0]
+        return place.replace("_foot", " foot").replace("_torso", " body")
     servo = name.removesuffix("_position").removesuffix("_torque")
     return f"servo {servo}"
 

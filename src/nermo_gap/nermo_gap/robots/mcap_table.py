@@ -8,7 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS, RobotParameters
-from nermo_gap.robots.channels import GYRO, TRACKER, command, encoder, leg_servos, phase, position, torque
+from nermo_gap.robots.channels import (
+    GYRO,
+    MARKERS,
+    TRACKER,
+    command,
+    encoder,
+    leg_servos,
+    marker,
+    phase,
+    position,
+    torque,
+)
 from nermo_node.recording_reader import Recording, RecordingError, TopicData
 from simgap.data.errors import GapInputError, nearest
 
@@ -17,6 +28,8 @@ Array = NDArray[np.float64]
 TRACKERS = ("tracker/odom", "truth/odom")
 """Topics with the pose of base_link as an outside tracker sees it, the first that is recorded. A simulation's truth
 stands in for the tracker; nothing else of it is read."""
+MARKER = "tracker/markers/{place}"
+"""Topic with a marker's place [m], `geometry_msgs/PointStamped`."""
 
 
 def recorded_robot(path: Path) -> str | None:
@@ -83,6 +96,9 @@ def _table(recording: Recording, robot: RobotParameters) -> dict[str, Array]:
         pose = [tracker[f"pose.pose.position.{axis}"] for axis in "xyz"]
         pose += [tracker[f"pose.pose.orientation.{part}"] for part in "wxyz"]
         put(tracker, list(TRACKER), np.column_stack(pose))
+    for place in MARKERS:
+        if (seen := _topic(recording, MARKER.format(place=place))) is not None:
+            put(seen, list(marker(place)), np.column_stack([seen[f"point.{axis}"] for axis in "xyz"]))
     if (legs := topics["leg_states"]) is not None:
         put(legs, [phase(leg) for leg in LEGS], np.asarray(legs["phases"], dtype=np.float64))
     return table

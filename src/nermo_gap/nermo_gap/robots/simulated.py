@@ -14,7 +14,7 @@ from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.types import ControlCommand
 from nermo_description.model import build_model
 from nermo_description.parameters import LEGS, RobotParameters
-from nermo_gap.robots.channels import GYRO, TRACKER, command, encoder, phase, position, torque
+from nermo_gap.robots.channels import GYRO, MARKERS, TRACKER, command, encoder, marker, phase, position, torque
 from nermo_sim.loop import Loop, Script, schedule
 from nermo_sim.sensor_data import SensorData
 from nermo_sim.twin import Twin
@@ -39,6 +39,8 @@ class Noise:
     """[m], of the tracker"""
     turn: float = 2e-3
     """[rad], of the tracker"""
+    hidden: float = 0.02
+    """Share of the time for which the tracker does not see a marker."""
 
 
 def excitation(seconds: float, speed: float = 0.08) -> Script:
@@ -90,12 +92,21 @@ def simulate(
     return rows.table(noise, np.random.default_rng(seed))
 
 
-class Rows:
-    """What is measured of a twin and told to it, tick by tick, with all channels that any mouse has."""
+HIDDEN = 0.1
+"""[s] for which a marker is hidden at a time, in the mean: a leg passes before it."""
 
-    def __init__(self, twin: Twin[RobotParameters]) -> None:
+
+class Rows:
+    """What is measured of a twin and told to it, tick by tick, with all channels that any mouse has.
+
+    ``glued`` (markers, 3) [m] is where the markers are in the frames where they should be, in the order of `MARKERS`;
+    None where there are none.
+    """
+
+    def __init__(self, twin: Twin[RobotParameters], glued: Array | None = None) -> None:
         self._twin, self._servos = twin, list(twin.robot.servos)
         self._rows: list[list[float]] = []
+        self._glued = None if glued is None else dict(zip(MARKERS, glued, strict=True))
 
     def add(self, sensors: SensorData, told: Sequence[float], phases: Sequence[float]) -> None:
         """One tick, before the twin obeys."""
@@ -111,8 +122,19 @@ class Rows:
                 *state.position,
                 *state.quaternion,
                 *phases,
+                *self._seen(),
             ]
         )
+
+    def _seen(self) -> list[float]:
+        """Where the markers are [m]."""
+        if self._glued is None:
+            return []
+        data, seen = self._twin.data, []
+        for place, (kind, name) in MARKERS.items():
+            frame = data.site(name) if kind == "site" else data.body(name)
+            seen += list(frame.xpos + frame.xmat.reshape(3, 3) @ self._glued[place])
+        return seen
 
     def table(self, noise: Noise, random: np.random.Generator) -> dict[str, Array]:
         """All ticks, with the sensors' noise."""
@@ -125,9 +147,12 @@ class Rows:
             *GYRO,
             *TRACKER,
             *(phase(leg) for leg in LEGS),
+            *(column for place in self._glued or () for column in marker(place)),
         ]
         table = dict(zip(columns, np.array(self._rows).T, strict=True))
         _add_noise(table, self._servos, noise, random)
+        if self._glued is not None:
+            _watch(table, noise, random)
         return table
 
 
@@ -140,3 +165,15 @@ def _add_noise(table: dict[str, Array], servos: Sequence[str], noise: Noise, ran
     for names, deviation in ((GYRO, noise.gyro), (TRACKER[:3], noise.place), (TRACKER[3:], 0.5 * noise.turn)):
         for name in names:
             table[name] = table[name] + deviation * random.standard_normal(len(table["t"]))
+
+
+def _watch(table: dict[str, Array], noise: Noise, random: np.random.Generator) -> None:
+    """A tracker's noise on markers, and the times for which it does not see one."""
+    time = table["t"]
+    for place in MARKERS:
+        lost = np.zeros(len(time), bool)
+        for begin in random.uniform(time[0], time[-1], random.poisson(noise.hidden * np.ptp(time) / HIDDEN)):
+            lost |= (time >= begin) & (time < begin + random.exponential(HIDDEN))
+        for column in marker(place):
+            seen = table[column] + noise.place * random.standard_normal(len(time))
+            table[column] = np.where(lost, np.nan, seen)

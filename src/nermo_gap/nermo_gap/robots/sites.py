@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS
-from nermo_gap.robots.channels import GYRO, servos_report
+from nermo_gap.robots.channels import GYRO, MARKERS, sees_legs
 from simgap.data.channels import model_names
 from simgap.data.plant import Plant
 from simgap.effects.base import Effect
@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 Obj = mujoco.mjtObj
 Apply = Callable[[Variant, float], None]
 _IDLE = ("tail", "head")
+GLUED = 5e-4
+"""[m] by which a marker at a foot may be off: half a millimetre by eye."""
 
 
 def groups(model: mujoco.MjModel) -> dict[str, tuple[str, ...]]:
@@ -69,6 +71,7 @@ def worth_a_look(plant: Plant) -> Callable[[Effect], bool]:
     feet = {f"{leg}_foot" for leg in LEGS} | {"all_feet", "front", "rear", "left", "right"}
     bodies = {"torso", "rear_torso"}
     hips = {n for n in shafts if "hip" in n}
+    tracked = ("base_link", *(place for _, place in MARKERS.values()))
 
     def keep(effect: Effect) -> bool:
         name, site = effect.name, effect.site.name
@@ -82,7 +85,7 @@ def worth_a_look(plant: Plant) -> Callable[[Effect], bool]:
         if name in ("mass", "com_shift", "inertia"):
             return site in bodies or (name, site) == ("mass", "all")
         if name.startswith("sensor"):
-            return not site.startswith("base_link") and "torque" not in site
+            return not site.startswith(tracked) and "torque" not in site
         if name == "joint_stiffness":
             return site in printed | {"all"} and effect.form == "factor"
         if name in ("joint_rest_angle", "joint_damping"):
@@ -135,8 +138,8 @@ def nuisances(plant: Plant, output_swing: Array, input_size: Array, period: floa
     ):
         number = prior.passive(model, field, rows[0], label.split(" ", 1)[1])
         found.append(Nuisance(label, _scaled((field,), rows, prior.PASSIVE), number))
-    # Where the servos report, each has a gain of its own to be told; seen from outside, those that are alike share one.
-    apart = servos_report(plant.map)
+    # Where each leg is seen, each has a gain of its own to be told; else those that are alike share one.
+    apart = sees_legs(plant.map)
     springs = {n: i for i, n in enumerate(joints) if n.endswith("_knee_joint")}
     for label, rows in _alike(springs, apart).items():
         number = prior.passive(model, "jnt_stiffness", rows[0], label)
@@ -151,6 +154,12 @@ def nuisances(plant: Plant, output_swing: Array, input_size: Array, period: floa
     world, feet = colliding(model)
     found.append(Nuisance("ground friction", _sliding([*world, *feet]), prior.sliding(model, feet)))
     found.append(Nuisance("contact softness", _softness([*world, *feet]), prior.softness(model, feet)))
+    for place, (kind, name) in MARKERS.items():
+        # Only where a leg moves: what the body does not turn shows in its zero alone.
+        if kind == "site" and any(output.name == f"marker_{place}_x" for output in plant.outputs):
+            for axis in "xz":
+                number = Number(f"marker {axis}", place, 0.0, GLUED, "m", False)
+                found.append(Nuisance(f"marker {place} {axis}", _glued(name, "xyz".index(axis)), number))
     found += prior.firmness(model)
     found += prior.tilts()
     for i, output in enumerate(plant.outputs):
@@ -183,6 +192,13 @@ def _alike(named: dict[str, int], apart: bool) -> dict[str, list[int]]:
         label = name if apart else name.replace("_left_", " ").replace("_right_", " ")
         found.setdefault(label, []).append(index)
     return found
+
+
+def _glued(site: str, axis: int) -> Apply:
+    def apply(variant: Variant, z: float) -> None:
+        variant.model.site_pos[variant.model.site(site).id, axis] += GLUED * z
+
+    return apply
 
 
 def _gain(actuators: Sequence[int]) -> Apply:

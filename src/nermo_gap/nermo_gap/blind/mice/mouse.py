@@ -12,6 +12,7 @@ from nermo_description.model import build_model
 from nermo_description.parameters import RobotParameters
 from nermo_gap.blind.mice.faults import KINDS, Fault
 from nermo_gap.protocol.play import Body
+from nermo_gap.robots.channels import MARKERS
 from simgap.data.errors import GapInputError
 
 Array = NDArray[np.float64]
@@ -22,10 +23,14 @@ PERIOD = 0.005
 """[s] of a control tick."""
 LEAST, MOST = 0.03, 0.08
 """By what share a number is off, up or down."""
+GLUED = 5e-4
+"""[m] by which markers are off, along each axis."""
 
 
-def draw(robot: RobotParameters, number: int, kind: str | None = None) -> tuple[Body, Fault]:
+def draw(robot: RobotParameters, number: int, kind: str | None = None, markers: bool = False) -> tuple[Body, Fault]:
     """Mouse ``number`` of a robot, and what is wrong with it; ``kind`` asks for a fault instead of drawing one.
+
+    ``markers``: it wears some, glued on by eye.
 
     Raises:
         GapInputError: a kind that is not known.
@@ -47,7 +52,8 @@ def draw(robot: RobotParameters, number: int, kind: str | None = None) -> tuple[
     def servos() -> Callable[[Array], Array]:
         return fault.servos(list(robot.servos), PERIOD)
 
-    return Body(robot, model, servos), fault
+    glued = GLUED * np.random.default_rng([number, 0x676C]).standard_normal((len(MARKERS), 3)) if markers else None
+    return Body(robot, model, servos, markers=glued), fault
 
 
 def _make_real(model: mujoco.MjModel, random: np.random.Generator) -> None:

@@ -43,19 +43,20 @@ def show(
     budget: float | None = None,
     fault: str | None = None,
     only: tuple[str, ...] = (),
+    markers: bool = False,
 ) -> Shown:
     """Draw a mouse, record it, diagnose it, open the seal, and say honestly how it went.
 
     ``budget`` [s] is what the diagnosis may take. ``fault`` asks for one instead of drawing it; ``only`` names the
-    effects that are considered, all where empty.
+    effects that are considered, all where empty. ``markers``: the tracker sees feet and rear torso too.
 
     Raises:
         GapInputError: ``out`` holds something already, or there is no such protocol or fault.
         ParameterError: the robot cannot be read.
     """
     parameters = load_robot(robot)
-    body, wrong = draw(parameters, number, fault)
-    chosen, recordings, folder = protocol_of(protocol, parameters), out / "recordings", out / "diagnosis"
+    body, wrong = draw(parameters, number, fault, markers)
+    chosen, recordings, folder = protocol_of(protocol, parameters, markers), out / "recordings", out / "diagnosis"
     console.print(
         f"Mouse {number}, a {parameters.name}: every number of it is 3 to 8 % off, and it has one of {len(KINDS)} "
         "faults, or none.",
