@@ -154,12 +154,12 @@ def nuisances(plant: Plant, output_swing: Array, input_size: Array, period: floa
     world, feet = colliding(model)
     found.append(Nuisance("ground friction", _sliding([*world, *feet]), prior.sliding(model, feet)))
     found.append(Nuisance("contact softness", _softness([*world, *feet]), prior.softness(model, feet)))
-    for place, (kind, name) in MARKERS.items():
+    for place, (frame, site) in MARKERS.items():
         # Only where a leg moves: what the body does not turn shows in its zero alone.
-        if kind == "site" and any(output.name == f"marker_{place}_x" for output in plant.outputs):
-            for axis in "xz":
-                number = Number(f"marker {axis}", place, 0.0, GLUED, "m", False)
-                found.append(Nuisance(f"marker {place} {axis}", _glued(name, "xyz".index(axis)), number))
+        if frame == "site" and any(output.name == f"marker_{place}_x" for output in plant.outputs):
+            for letter in "xz":
+                number = Number(f"marker {letter}", place, 0.0, GLUED, "m", False)
+                found.append(Nuisance(f"marker {place} {letter}", _glued(site, "xyz".index(letter)), number))
     found += prior.firmness(model)
     found += prior.tilts()
     for i, output in enumerate(plant.outputs):
