@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from rosgraph_msgs.msg import Clock
 
-from nermo_interfaces.msg import ControlCommand
+from nermo_interfaces.msg import ControlCommand, ServoCommand
 
 PLAYER = "nermo_bringup.nodes.command_player"
 WALK = (
@@ -72,3 +72,21 @@ def test_a_wrong_file_ends_the_player_with_one_sentence(graph, tmp_path: Path) -
     assert player.returncode == 2
     assert f"{path}: commands.0.gait_frequency: is 50" in output
     assert "Traceback" not in output
+
+
+@pytest.mark.parametrize("controlled", [False, True])
+def test_servo_positions_are_played_and_somebody_else_who_commands_them_is_told(
+    graph, tmp_path: Path, controlled: bool
+) -> None:
+    path = tmp_path / "squat.yaml"
+    path.write_text("{duration: 1.0, commands: [{at: 0, servos: {tail: 0.1}}, {at: 0.5, servos: {tail: 0.2}}]}")
+    heard: list[float] = []
+    if controlled:
+        graph.node.create_publisher(ServoCommand, "servo_command", 1)
+    player = graph.start(PLAYER, *graph.parameters(file=str(path)))
+    graph.spin_until(lambda: graph.node.count_publishers("servo_command") > controlled, "the player is there")
+    graph.node.create_subscription(ServoCommand, "servo_command", lambda message: heard.append(message.position[0]), 50)
+    graph.spin_until(lambda: player.poll() is not None, "the end")
+    output, _ = player.communicate(timeout=30)
+    assert player.returncode == 0 and heard[-1] == 0.2
+    assert ("up controller:=false" in output) == controlled

@@ -54,7 +54,7 @@ class CommandPlayer(Node):
             else self.create_publisher(ControlCommand, "control_command", qos.COMMAND)
         )
         self._start: int | None = None
-        self._over = False
+        self._over = self._told = False
         self.get_logger().info(f"waiting for somebody who listens to {self._publisher.topic_name} ({called()} up)")
         if parameters.lockstep:
             inputs = Inputs(self, Complaints(self, "refused").add_one)
@@ -79,6 +79,12 @@ class CommandPlayer(Node):
             self._publisher.publish(control_command_to_message(command))
 
     def _send_servos(self, elapsed: int, now: int) -> None:
+        if not self._told and self.count_publishers(self._publisher.topic_name) > 1:
+            self._told = True
+            self.get_logger().error(
+                f"somebody else commands the servos on {self._publisher.topic_name}, and a second one is refused: "
+                f"start the graph without its controller ({called()} up controller:=false)"
+            )
         positions = self._script.servos_at(elapsed)
         if positions is not None:
             message = ServoCommand(name=list(positions), position=list(positions.values()))
