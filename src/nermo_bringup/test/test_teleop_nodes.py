@@ -11,10 +11,16 @@ from pathlib import Path
 
 import pytest
 from builtin_interfaces.msg import Time
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
 
+from nermo_control.driver import Driver, Limits
+from nermo_control.nodes.operator import Operator
+from nermo_control.types import Posture
 from nermo_interfaces.msg import ControlCommand
 from nermo_node import qos
 
@@ -151,3 +157,29 @@ def test_a_keyboard_teleop_without_a_terminal_says_so(graph) -> None:
     assert teleop.returncode == 1
     assert "needs a terminal" in output
     assert "Traceback" not in output
+
+
+def test_a_release_whose_answer_is_lost_is_asked_for_again(graph) -> None:
+    asked: list[Trigger.Request] = []
+    refused: list[str] = []
+
+    async def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        asked.append(request)
+        if len(asked) == 1:
+            await Future()
+        response.success = True
+        return response
+
+    graph.node.create_service(Trigger, "release", answer, callback_group=ReentrantCallbackGroup())
+    driver = Driver(Limits())
+    operator = Operator(graph.node, driver, refused.append)
+    driver.emergency_stop()
+    operator.send(None)
+    driver.take(Posture.STAND)
+
+    def asked_twice() -> bool:
+        operator.send(None)
+        return len(asked) == 2
+
+    graph.spin_until(asked_twice, "the release is asked for again")
+    assert refused == []

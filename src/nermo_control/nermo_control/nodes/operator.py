@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -22,6 +23,8 @@ from nermo_node.inputs import Inputs
 
 RELEASE_ATTEMPTS = 40
 """A release may come before the end of the stop that it is for, by another way."""
+ANSWER_S = 2.0
+"""An answer that takes longer is taken for lost, and the release is asked for again."""
 
 
 class Operator:
@@ -42,6 +45,7 @@ class Operator:
         self._stopped = self._said = False
         self._attempts = 0
         self._answer: Future | None = None
+        self._asked = 0.0
         Inputs(node, refuse).subscribe(GaitParameters, "gait_parameters", self._on_gaits, qos.LATCHED)
 
     def send(self, command: ControlCommand | None) -> None:
@@ -71,13 +75,18 @@ class Operator:
             self._attempts = 0
         if self._attempts == 0 or not self._release.service_is_ready():
             return
+        if self._answer is not None and time.monotonic() - self._asked > ANSWER_S:
+            self._release.remove_pending_request(self._answer)
+            self._answer = None
         if self._answer is None:
             self._attempts -= 1
+            self._asked = time.monotonic()
             self._answer = self._release.call_async(Trigger.Request())
             self._answer.add_done_callback(self._on_answer)
 
     def _on_answer(self, answer: Any) -> None:
-        self._answer = None
+        if answer is self._answer:
+            self._answer = None
         response = answer.result()
         if response.success:
             self._attempts = 0

@@ -316,9 +316,10 @@ class MujocoSim(Node):
             return WARN, self._last_refusal, values
         if self._paused:
             return OK, "paused", values
+        state = self._twin.command_state.value
         if wanted > 0.0 and not self._settings.stepped and factor < 0.9 * wanted:
-            return WARN, f"too slow: {factor:.2f} x real time, {wanted} wanted", values
-        return OK, self._twin.command_state.value, values
+            return WARN, f"{state}, too slow: {factor:.2f} x real time, {wanted} wanted", values
+        return OK, state, values
 
 
 def main() -> int:
