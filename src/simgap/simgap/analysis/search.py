@@ -86,7 +86,7 @@ def search(
         plant = nominal.plant
     replayer = _replayer(plant, aligned, floor, nominal, options)
     windows = replayer.windows
-    context = Context(plant, measure_scales(replayer, nominal), options.groups)
+    context = Context(plant, measure_scales(replayer, nominal), options.groups, not aligned.enabled.all())
     effects = enumerate_effects(context, options.extra_effects, options.only)
     if options.keep is not None:
         effects = [effect for effect in effects if options.keep(effect)]
@@ -99,7 +99,7 @@ def search(
     fitter = Fitter(residuals, nuisances, nominal)
     effort = options.effort or (Effort() if light(plant.model) else HEAVY)
     near, balanced = borders(plant, aligned, floor), torque_balance.balances(plant, aligned, state)
-    spoken = [*torque_balance.hints(balanced), *hints(near)]
+    spoken = [*torque_balance.hints(balanced, context.switched), *hints(near)]
     selector = Selector(fitter, effects, options.seed, options.progress, effort, budget, spoken)
     selection = selector.run()
     if not budget.left_out:

@@ -129,8 +129,11 @@ def _lent(found: list[Balance]) -> list[Balance]:
     return made
 
 
-def hints(found: Sequence[Balance]) -> list[tuple[str, str, float]]:
+def hints(found: Sequence[Balance], switched: bool = False) -> list[tuple[str, str, float]]:
     """Effects (name, site, value) that balances speak for, kind by kind, what carries most first.
+
+    A balance is one of times at which servos had power. Where they are ``switched``, damping is theirs until shown
+    otherwise: a motor brakes more than a bearing.
 
     A kind is spoken of once it is worth it at one joint, and then at all, if most balances are believed; else at those
     whose balance is.
@@ -144,8 +147,9 @@ def hints(found: Sequence[Balance]) -> list[tuple[str, str, float]]:
         rows = [
             ("servo_gain", b.actuator, b.gain, off),
             ("coulomb_friction", b.joint, b.friction, b.carries["friction"]),
-            ("viscous_friction", b.joint, b.damping, b.carries["damping"]),
-            ("joint_damping", b.joint, b.damping, b.carries["damping"]),
+            ("servo_damping", b.actuator if b.servo and switched else "", b.damping, b.carries["damping"]),
+            ("viscous_friction", "" if b.servo and switched else b.joint, b.damping, b.carries["damping"]),
+            ("joint_damping", "" if b.servo and switched else b.joint, b.damping, b.carries["damping"]),
             ("servo_offset", b.actuator if b.servo else "", b.offset, b.carries["offset"]),
         ]
         for name, site, value, worth in rows:

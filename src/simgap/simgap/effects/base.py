@@ -84,6 +84,8 @@ class Context:
     plant: Plant
     scales: Scales
     groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    switched: bool = False
+    """Whether servos were without power for a part of the recording."""
 
     @property
     def model(self) -> mujoco.MjModel:

@@ -97,7 +97,7 @@ class ViscousFriction(ByPart):
         model = context.model
         joints = [j for j in scalar_joints(model) if model.jnt_stiffness[j] == 0]
         for site in named_sites(context, Obj.mjOBJ_JOINT, joints):
-            yield cls(site, by_joint(context, site, lambda joints: _damping(context, joints)))
+            yield cls(site, by_joint(context, site, lambda joints: damping_of(context, joints)))
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         dofs = _dofs(variant, self.site.targets)
@@ -120,10 +120,11 @@ class JointDamping(ViscousFriction):
         model = context.model
         joints = [j for j in scalar_joints(model) if model.jnt_stiffness[j] > 0]
         for site in named_sites(context, Obj.mjOBJ_JOINT, joints):
-            yield cls(site, by_joint(context, site, lambda joints: _damping(context, joints)))
+            yield cls(site, by_joint(context, site, lambda joints: damping_of(context, joints)))
 
 
-def _damping(context: Context, joints: Sequence[int]) -> Parameter:
+def damping_of(context: Context, joints: Sequence[int]) -> Parameter:
+    """What is added to the damping of joints."""
     model = context.model
     dofs = [dof_of(model, j) for j in joints]
     speed = float(max(context.scales.speed[dofs].mean(), 1e-9))

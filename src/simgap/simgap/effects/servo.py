@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import mujoco
@@ -12,6 +13,7 @@ import numpy as np
 from simgap.data.channels import is_servo
 from simgap.data.plant import Plant
 from simgap.effects.base import ByPart, Context, Effect, Parameter, Site, amount, by_part, named_sites, ratio
+from simgap.effects.friction import damping_of
 from simgap.simulation.variant import Variant
 
 Obj = mujoco.mjtObj
@@ -159,6 +161,40 @@ class ServoGain(ByPart):
                     model.actuator_biasprm[target, 2] *= value
             elif is_servo(model, target, 2):
                 model.actuator_biasprm[target, 2] *= value
+
+
+class ServoDamping(ByPart):
+    """The servo brakes in proportion to its speed while it has power, as a motor does against its own voltage.
+
+    Without power it does not, which tells it from viscous friction: it is looked for where servos were switched off.
+    """
+
+    name = "servo_damping"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        model = context.model
+        turning = [
+            a
+            for a in commanded(context.plant, ("position", "velocity"))
+            if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_gear[a, 0] != 0.0
+        ]
+        if not context.switched:
+            return
+        for site in named_sites(context, Obj.mjOBJ_ACTUATOR, turning):
+            make = partial(_braking, context)
+            yield cls(site, by_part(context, site, Obj.mjOBJ_ACTUATOR, make))
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        model = variant.model
+        targets = list(self.site.targets)
+        model.actuator_biastype[targets] = mujoco.mjtBias.mjBIAS_AFFINE
+        model.actuator_biasprm[targets, 2] -= np.asarray(values) / model.actuator_gear[targets, 0] ** 2
+
+
+def _braking(context: Context, actuators: Sequence[int]) -> Parameter:
+    made = damping_of(context, [int(context.model.actuator_trnid[a, 0]) for a in actuators])
+    return replace(made, low=0.0, tries=tuple(t for t in made.tries if t > 0.0))
 
 
 class ServoOffset(ByPart):

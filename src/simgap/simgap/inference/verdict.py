@@ -173,14 +173,19 @@ def _with_effects(verdict: Verdict, selector: Selector, selection: Selection) ->
             verdict.reasons.append(
                 f"the best hypothesis ({best.key}) explains {100 * by_causes:.0f} % of what nominal numbers leave, and "
                 f"{left}"
-                + (f"; {verdict.equivalent[0][1]} does about as well" if verdict.equivalent else "")
+                + (f"; {verdict.open[1].hypothesis.key} does about as well" if verdict.equivalent else "")
                 + ": the cause is not in the library"
             )
         if hidden:
             verdict.reasons.append(hidden)
     elif verdict.equivalent:
         verdict.kind = "ambiguous"
-        verdict.reasons.append("held-out data do not tell these apart: " + ", ".join(verdict.equivalent[0]))
+        alike = verdict.equivalent[0]
+        verdict.reasons.append(
+            f"held-out data do not tell these apart: {', '.join(alike)}"
+            if len(alike) > 1
+            else f"held-out data do not tell whether {alike[0]} acts at all"
+        )
     else:
         gain, low, high = selection.gains[-1]
         verdict.reasons.append(

@@ -121,7 +121,7 @@ def detectability(
     if found is None:
         return []
     replayer, whole = found
-    context = Context(plant, measure_scales(replayer, nominal), options.groups)
+    context = Context(plant, measure_scales(replayer, nominal), options.groups, not aligned.enabled.all())
     effects = enumerate_effects(context)
     effects = _single(effects) if options.keep is None else [e for e in _first_forms(effects) if options.keep(e)]
     size = np.sqrt((aligned.inputs**2).mean(axis=0))
