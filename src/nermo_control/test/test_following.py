@@ -1,4 +1,4 @@
-"""The posture DIRECT: the servos follow targets from outside, without a jump, within their ranges, as long as they come."""
+"""The posture DIRECT: the servos follow targets from outside, without a jump and in range, as long as they come."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class MotionModuleNode(Node):
     """Ticks with each servo_states, on the newest command, IMU and, with the coordination `tegotae`, leg loads.
 
     In lockstep it ticks once the command of the same tick and the trajectories that it asked for are there too, and the
-    IMU of the same tick if it began with the gaze mode `imu`, and the servo targets where the command is to follow them.
+    IMU of the same tick if it began with the gaze mode `imu`, and the servo targets where they are to be followed.
     """
 
     def __init__(self) -> None:
