@@ -18,8 +18,8 @@ class Posture(IntEnum):
     """What the body is asked to do; values of `ControlCommand.POSTURE_*`.
 
     STOP freezes every servo; STILL ends walking on four feet, each where it came down; STAND is the neutral stance.
-    LIFT_* is the stand with one leg lifted, as in the balance test (N 6.1.5). In DIRECT the servos follow `ServoTargets`,
-    as long as they come.
+    LIFT_* is the stand with one leg lifted, as in the balance test (N 6.1.5). In DIRECT the servos follow
+    `ServoTargets`, as long as they come.
     """
 
     WALK = 0

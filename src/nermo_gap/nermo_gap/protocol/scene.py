@@ -9,14 +9,19 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from nermo_description.parameter_files import ParameterError, read_yaml
+from nermo_description.stand import Stand
 from nermo_gap.protocol.pieces import Protocol, Scene, Segment
-from nermo_gap.robots.stand import Stand
 from simgap.data.errors import GapInputError
 from simgap.data.setup import Setup
 
 Array = NDArray[np.float64]
 
 SCENE_FILE, TABLE_FILE = "scene.yaml", "recording.npz"
+
+
+def setup_of(stand: Stand, rest: Array) -> Setup:
+    """A stand as runs of a diagnosis have it; ``rest`` (7,) is its spring's."""
+    return Setup("hung in the stand", (lambda model: stand.enter(model, rest),))
 
 
 class StandRow(BaseModel):
@@ -33,7 +38,8 @@ class StandRow(BaseModel):
 
     def setup(self) -> Setup:
         """The stand as runs of a diagnosis have it."""
-        return Stand(self.height, self.stiffness, self.damping, self.turning_damping).setup(np.array(self.rest))
+        stand = Stand(self.height, self.stiffness, self.damping, self.turning_damping)
+        return setup_of(stand, np.array(self.rest))
 
 
 class PieceRow(BaseModel):
