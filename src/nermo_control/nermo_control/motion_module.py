@@ -151,10 +151,10 @@ class MotionModule:
                 names = " and ".join(silent)
                 context.tick.warnings.append(f"nothing from {names} for {context.timeout * 1e-9:g} s: the mouse stops")
             return Posture.STILL
-        if command.posture == Posture.DIRECT and (silent := self._nothing_to_follow()):
+        if command.posture == Posture.DIRECT and (missing := self._nothing_to_follow()):
             if isinstance(self._state, Following):
                 context.tick.warnings.append(
-                    f"nothing from {silent} for {context.timeout * 1e-9:g} s: the mouse stands"
+                    f"nothing from {missing} for {context.timeout * 1e-9:g} s: the mouse stands"
                 )
             return Posture.STAND
         return Posture(command.posture)

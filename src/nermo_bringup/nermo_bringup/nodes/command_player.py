@@ -55,13 +55,7 @@ class CommandPlayer(Node):
             inputs.subscribe(Clock, "/clock", lambda message: self._play(to_nanoseconds(message.clock)), 10)
         else:
             period = SERVO_PERIOD_S if self._script.servos else CONTROL_PERIOD_S
-            self.create_timer(period, lambda: self._play(self._now()))
-
-    def _now(self) -> int:
-        """[ns]; 0 while it is not known yet."""
-        if self._start is None:
-            return self._graph_clock.stamp()
-        return int(self.get_clock().now().nanoseconds)
+            self.create_timer(period, lambda: self._play(self._graph_clock.stamp()))
 
     def _play(self, now: int) -> None:
         if self._over:
@@ -71,6 +65,10 @@ class CommandPlayer(Node):
                 return
             self._start = now
             self.get_logger().info(f"playing {self._script.duration / 1e9:g} s")
+        if now < self._start:
+            # A twin that came up later is the clock now: what went out before was another's time.
+            self._start = None
+            return
         elapsed = now - self._start
         if elapsed > self._script.duration:
             self._finish(now)

@@ -1,0 +1,65 @@
+"""Node `conductor`: plays a protocol's segment into the graph that was brought up for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import rclpy
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+from nermo_bringup.nodes.outlet import SERVO_PERIOD_S, Outlet
+from nermo_control.driver import Driver, Limits
+from nermo_control.nodes.operator import Operator
+from nermo_control.types import Posture
+from nermo_node.complaints import Complaints
+from nermo_node.graph_clock import USE_SIM_TIME
+from nermo_node.run import EventsExecutor
+
+
+class ConductorNode(Node):
+    """The clock, the outlet, and who asks for the servos' release; its owner spins it."""
+
+    def __init__(self, namespace: str, sim_time: bool, executor: Executor) -> None:
+        given = [Parameter(USE_SIM_TIME, value=sim_time)]
+        super().__init__("conductor", namespace=namespace, parameter_overrides=given)
+        self._executor = executor
+        self._driver = Driver(Limits())
+        self._operator = Operator(self, self._driver, Complaints(self, "refused").add_one)
+        self.outlet = Outlet(self, of_servos=True)
+
+    @property
+    def now(self) -> int:
+        """[ns] of the graph's clock; 0 while it has not begun."""
+        return int(self.get_clock().now().nanoseconds)
+
+    def release(self) -> None:
+        """Asks that the servos may have power: somebody wants the mouse to stand."""
+        self._driver.take(Posture.STAND)
+
+    def next_tick(self, last: int) -> int:
+        """Serves the node until there is another control tick than `last` [ns], at most for 20 ms; now [ns]."""
+        for _ in range(round(0.02 / SERVO_PERIOD_S) * 4):
+            self._executor.spin_once(timeout_sec=0.25 * SERVO_PERIOD_S)
+            if self.now - last >= (SERVO_PERIOD_S - 2e-4) * 1e9:
+                break
+        self._operator.send(None)
+        return self.now
+
+
+@contextmanager
+def in_graph(namespace: str, sim_time: bool) -> Iterator[ConductorNode]:
+    """The node, while the block runs; signals are left to whoever runs it."""
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    executor = EventsExecutor()
+    node = ConductorNode(namespace, sim_time, executor)
+    executor.add_node(node)
+    try:
+        yield node
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
