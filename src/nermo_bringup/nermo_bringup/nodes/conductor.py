@@ -33,7 +33,7 @@ class ConductorNode(Node):
 
     @property
     def now(self) -> int:
-        """[ns] of the graph's clock; 0 while it has not begun."""
+        """[ns] of the graph's clock; 0 also while it has not begun."""
         return int(self.get_clock().now().nanoseconds)
 
     def release(self) -> None:

@@ -108,6 +108,8 @@ class _Session:
             "port": request.port,
             "calibration": "none" if request.calibration is None else str(request.calibration.absolute()),
             "scene": "hung" if segment.scene == "hung" and request.on_twin else "flat",
+            # Where the clock is the twin's, it waits for each command: nothing is missed on a busy machine.
+            "stepped": str(request.target == "sim").lower(),
             "seed": str(request.seed),
             "record": str(bag),
         }
@@ -118,8 +120,8 @@ class _Session:
                 running_graph(arguments, (folder / "graph.log").absolute(), self._domain) as graph,
                 in_graph(NAMESPACE, sim_time=request.target == "sim") as node,
             ):
-                alive = ALIVE if request.on_twin else [topic for topic in ALIVE if topic != "truth/odom"]
-                graph.wait_until_alive(bag, stepped=False, topics=alive, meanwhile=self._look_for_leaving)
+                alive = [topic for topic in ALIVE if request.on_twin or topic != "truth/odom"]
+                graph.wait_until_alive(bag, request.target == "sim", alive, self._look_for_leaving)
                 conductor = Conductor(segment, request.robot, self._tell)
                 played = conductor.played
                 with self._progress(segment) as advance:
@@ -141,7 +143,7 @@ class _Session:
         advance: Callable[[float], None],
     ) -> None:
         """Until all pieces are played, or somebody leaves; the mouse stands then."""
-        last, before, checked = 0, False, 0.0
+        last, before, checked, stepped = -1, False, 0.0, self._request.target == "sim"
         if (what := hint(self._request.watched_by)) != "":
             self._tell(f"{what}: the mouse stands up and begins; let go and it stands still (Ctrl-C leaves)")
         begun = False
@@ -157,18 +159,22 @@ class _Session:
                 if holds and not before:
                     node.release()
                 before, begun = holds, begun or holds
-                if begun and now > last:
-                    node.outlet.send(*conductor.step(now, holds))
+                # A stepped twin waits: what it was told may have been lost.
+                if begun and (now > last or stepped):
+                    node.outlet.send(*conductor.step(now, holds), every_tick=stepped)
                 last = now
         finally:
             if begun:
-                self._stand(node, last)
+                self._stand(node, last, stepped)
 
-    def _stand(self, node: ConductorNode, last: int) -> None:
+    @staticmethod
+    def _stand(node: ConductorNode, last: int, stepped: bool) -> None:
         until = time.monotonic() + END_S
         while time.monotonic() < until:
-            last = node.next_tick(last)
-            node.outlet.send(replace(STAND, stamp=last), None)
+            now = node.next_tick(last)
+            if now > last or stepped:
+                node.outlet.send(replace(STAND, stamp=now), None, every_tick=stepped)
+            last = now
 
     def _tell(self, text: str) -> None:
         self._console.print(f"  {text}")
