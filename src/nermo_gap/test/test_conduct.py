@@ -77,6 +77,19 @@ def test_a_piece_in_which_nobody_commanded_for_a_while_is_played_again(jump: flo
     assert beside.told[-1].startswith("late: 'squat'")
 
 
+def test_a_piece_in_which_the_servos_are_not_commanded_is_played_again_from_when_they_are() -> None:
+    beside = Beside()
+    beside.play(LEAD + 1.0)
+    conductor, silent = beside.conductor, beside.now
+    for _ in range(round(2.0 * BROKEN_AFTER * 1e9 / TICK)):
+        beside.now += TICK
+        conductor.step(beside.now, True, silent)
+    assert conductor.piece is None and conductor.spoiled == 1
+    assert beside.told[-1] == "the servos are commanded no more: 'squat' is broken off and will be played again"
+    beside.play(LEAD + SQUAT.seconds + 0.1)
+    assert [played.piece.name for played in conductor.played] == ["squat"] and conductor.spoiled == 0
+
+
 def test_it_asks_for_what_a_recording_in_process_asks_for() -> None:
     script = script_of(TROT)
     for t in np.arange(0.0025, TROT.seconds, 0.005):

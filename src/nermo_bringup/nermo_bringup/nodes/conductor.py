@@ -15,9 +15,13 @@ from nermo_bringup.nodes.outlet import SERVO_PERIOD_S, Outlet
 from nermo_control.driver import Driver, Limits
 from nermo_control.nodes.operator import Operator
 from nermo_control.types import Posture
+from nermo_interfaces.msg import ServoCommand
+from nermo_node import qos
 from nermo_node.complaints import Complaints
 from nermo_node.graph_clock import USE_SIM_TIME
+from nermo_node.inputs import Inputs
 from nermo_node.run import EventsExecutor
+from nermo_node.time import to_nanoseconds
 
 
 class ConductorNode(Node):
@@ -28,8 +32,16 @@ class ConductorNode(Node):
         super().__init__("conductor", namespace=namespace, parameter_overrides=given)
         self._executor = executor
         self._driver = Driver(Limits())
-        self._operator = Operator(self, self._driver, Complaints(self, "refused").add_one)
+        refused = Complaints(self, "refused")
+        self._operator = Operator(self, self._driver, refused.add_one)
         self.outlet = Outlet(self, of_servos=True)
+        self.commanded = 0
+        """Stamp [ns] of what the servos were told last."""
+        inputs = Inputs(self, refused.add_one)
+        inputs.subscribe(ServoCommand, "servo_command", self._on_servo_command, qos.BEST_EFFORT)
+
+    def _on_servo_command(self, message: ServoCommand) -> None:
+        self.commanded = to_nanoseconds(message.header.stamp)
 
     @property
     def now(self) -> int:

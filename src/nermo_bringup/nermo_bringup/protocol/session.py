@@ -32,6 +32,8 @@ from simgap.data.errors import GapInputError
 NAMESPACE = "nermo"
 END_S = 1.0
 """So long the mouse is told to stand before the graph goes down."""
+SPOILED = 5
+"""So often a piece is played again though nobody let go."""
 CHECK_S = 0.5
 """So often we look whether the graph is still there."""
 
@@ -99,7 +101,7 @@ class _Session:
             raise LeftError
 
     def _record(self, segment: Segment, folder: Path) -> None:
-        request, bag = self._request, (folder / BAG_FOLDER).absolute()
+        request, bag, log = self._request, (folder / BAG_FOLDER).absolute(), (folder / "graph.log").absolute()
         arguments = {
             "robot": request.robot_file,
             "namespace": NAMESPACE,
@@ -117,7 +119,7 @@ class _Session:
         try:
             with (
                 watching(request.watched_by, request.pad) as held,
-                running_graph(arguments, (folder / "graph.log").absolute(), self._domain) as graph,
+                running_graph(arguments, log, self._domain) as graph,
                 in_graph(NAMESPACE, sim_time=request.target == "sim") as node,
             ):
                 alive = [topic for topic in ALIVE if request.on_twin or topic != "truth/odom"]
@@ -125,7 +127,7 @@ class _Session:
                 conductor = Conductor(segment, request.robot, self._tell)
                 played = conductor.played
                 with self._progress(segment) as advance:
-                    self._play(conductor, node, graph, held, advance)
+                    self._play(conductor, node, graph, held, advance, log)
         finally:
             # Also of a segment that was not played to its end.
             if played:
@@ -141,6 +143,7 @@ class _Session:
         graph: Graph,
         held: Callable[[], bool],
         advance: Callable[[float], None],
+        log: Path,
     ) -> None:
         """Until all pieces are played, or somebody leaves; the mouse stands then."""
         last, before, checked, stepped = -1, False, 0.0, self._request.target == "sim"
@@ -161,7 +164,12 @@ class _Session:
                 before, begun = holds, begun or holds
                 # A stepped twin waits: what it was told may have been lost.
                 if begun and (now > last or stepped):
-                    node.outlet.send(*conductor.step(now, holds), every_tick=stepped)
+                    node.outlet.send(*conductor.step(now, holds, node.commanded), every_tick=stepped)
+                    if conductor.spoiled >= SPOILED:
+                        raise CommandError(
+                            f"a piece was broken off {SPOILED} times: this machine is too slow for the graph, or the "
+                            f"line to the mouse is lost; what was played is kept, and {log} has what the graph said"
+                        )
                 last = now
         finally:
             if begun:

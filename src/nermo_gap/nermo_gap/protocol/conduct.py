@@ -13,7 +13,8 @@ from nermo_gap.protocol.pieces import REST, Piece, Segment
 LEAD = 3.0
 """[s] of the stand before a piece that does not follow upon another: a crouched mouse stands up and comes to rest."""
 BROKEN_AFTER = TARGETS.after
-"""[s] Whoever conducts and is late by more has let the mouse come to a stand; the piece counts as broken off."""
+"""[s] Whoever conducts and is late by more has let the mouse come to a stand, and where the servos are not commanded
+for so long the mouse did something else; the piece counts as broken off."""
 
 Targets = Mapping[str, float]
 """[rad] by servo."""
@@ -57,6 +58,8 @@ class Conductor:
         self._begin: int | None = None
         """[ns] of the piece that is played now."""
         self._last: int | None = None
+        self.spoiled = 0
+        """How often the present piece was broken off though nobody let go."""
 
     @property
     def over(self) -> bool:
@@ -73,15 +76,24 @@ class Conductor:
         done = sum(played.piece.seconds for played in self.played)
         return done if self.piece is None or self._begin is None else done + (now - self._begin) * 1e-9
 
-    def step(self, now: int, held: bool = True) -> tuple[ControlCommand, Targets | None]:
-        """What to command at ``now`` [ns], stamped; ``held``: whether whoever watches the mouse lets it move."""
-        late = self._last is not None and not 0 <= now - self._last <= BROKEN_AFTER * 1e9
+    def step(self, now: int, held: bool = True, commanded: int | None = None) -> tuple[ControlCommand, Targets | None]:
+        """What to command at ``now`` [ns], stamped.
+
+        ``held``: whether whoever watches the mouse lets it move. ``commanded``: stamp [ns] of what the servos were
+        told last; None where nobody looks.
+        """
+        why = "" if held else "let go"
+        if self._last is not None and not 0 <= now - self._last <= BROKEN_AFTER * 1e9:
+            why = why or "late"
+        if commanded is not None and now - commanded > BROKEN_AFTER * 1e9:
+            why = why or "the servos are commanded no more"
         self._last = now
-        if (not held or late) and self.piece is not None:
-            self._tell(f"{'late' if held else 'let go'}: {self.piece.name!r} is broken off and will be played again")
-        if not held or late:
+        if why and self.piece is not None:
+            self.spoiled += held
+            self._tell(f"{why}: {self.piece.name!r} is broken off and will be played again")
+        if why:
             self._begin = self._standing_since = None
-        if held and self._begin is None and not self.over:
+        if not why and self._begin is None and not self.over:
             self._rest(now)
         self._next_piece(now)
         piece = self.piece
@@ -104,6 +116,7 @@ class Conductor:
             if now < end:
                 return
             self.played.append(Played(piece, self._begin, end))
+            self.spoiled = 0
             if self.over:
                 return
             self._start(end)
