@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -22,6 +23,11 @@ from nermo_node.graph_clock import USE_SIM_TIME
 from nermo_node.inputs import Inputs
 from nermo_node.run import EventsExecutor
 from nermo_node.time import to_nanoseconds
+
+LONGEST_S = 0.02
+"""So long a tick is waited for; a stepped twin may wait too."""
+EARLY_S = 2e-4
+"""A tick may come so much early, so that those of a clock with the same period are not passed over."""
 
 
 class ConductorNode(Node):
@@ -53,11 +59,10 @@ class ConductorNode(Node):
         self._driver.take(Posture.STAND)
 
     def next_tick(self, last: int) -> int:
-        """Serves the node until there is another control tick than `last` [ns], at most for 20 ms; now [ns]."""
-        for _ in range(round(0.02 / SERVO_PERIOD_S) * 4):
-            self._executor.spin_once(timeout_sec=0.25 * SERVO_PERIOD_S)
-            if self.now - last >= (SERVO_PERIOD_S - 2e-4) * 1e9:
-                break
+        """Serves the node until there is another control tick than `last` [ns], at most for `LONGEST_S`; now [ns]."""
+        until = time.monotonic() + LONGEST_S
+        while (left := SERVO_PERIOD_S - EARLY_S - (self.now - last) * 1e-9) > 0.0 and time.monotonic() < until:
+            self._executor.spin_once(timeout_sec=min(left, SERVO_PERIOD_S))
         self._operator.send(None)
         return self.now
 
