@@ -177,29 +177,26 @@ def record_command(
         from nermo_gap.protocol.play import Body
         from nermo_gap.protocol.record import record
         from nermo_gap.protocol.standard import protocol_of
+        from nermo_gap.protocol.through_graph import Request
 
         parameters = load_robot(robot)
         chosen = protocol_of(protocol, parameters, markers)
         if target is not None:
-            from nermo_gap.protocol.through_graph import Request
-
-            asked = Request(chosen, parameters, robot, out, target, port, calibration, dead_man, pad, seed)
             if hidden is not None:
                 fail("--hidden is a mouse that is played in process: it does not go with --target", 2)
+            asked = Request(chosen, parameters, robot, out, target, port, calibration, dead_man, pad, seed)
             if markers and asked.on_twin:
                 fail("--markers: the twin in the graph wears none; leave --target out, or give the robot's --port", 2)
             if not _through_graph:
                 fail("--target needs the graph: call this as nermo gap record", 2)
             folders = _through_graph[0](asked)
-            typer.echo(f"{protocol}: {chosen.seconds:.0f} s of {parameters.name} in {len(folders)} segments")
-            typer.echo(f"next: nermo gap diagnose {out}")
-            return
-        twin = Body.twin(parameters, markers)
-        body, wrong = (twin, None) if hidden is None else draw(parameters, hidden, fault, markers)
-        with progress("record") as say:
-            folders = record(chosen, body, out, seed, say)
-        if hidden is not None and wrong is not None:
-            seal(Answer.of(robot, hidden, wrong), out)
+        else:
+            twin = Body.twin(parameters, markers)
+            body, wrong = (twin, None) if hidden is None else draw(parameters, hidden, fault, markers)
+            with progress("record") as say:
+                folders = record(chosen, body, out, seed, say)
+            if hidden is not None and wrong is not None:
+                seal(Answer.of(robot, hidden, wrong), out)
     typer.echo(f"{protocol}: {chosen.seconds:.0f} s of {parameters.name} in {len(folders)} segments")
     typer.echo(f"next: nermo gap diagnose {out}")
 
