@@ -162,11 +162,14 @@ def _with_effects(verdict: Verdict, selector: Selector, selection: Selection) ->
         verdict.kind, verdict.reasons = "unknown", doubts
     elif incomplete or hidden:
         left = f"{typical:.1f} noise floors are left in a typical window"
-        if by_causes >= MOST and not verdict.equivalent:
-            verdict.kind = "partial"
+        parts = bool(verdict.equivalent) and all(names(f) < names(best.fit) for f in verdict.open[1:])
+        if by_causes >= MOST and (parts or not verdict.equivalent):
+            # Whoever says a part of it does not contradict it.
+            verdict.kind, verdict.equivalent = "partial", []
             verdict.reasons.append(
                 f"{best.key} explains {100 * by_causes:.0f} % of what nominal numbers leave; {left}, which nothing in "
                 "the library explains"
+                + (f"; that all of these causes act has a probability of {verdict.probability:.2f}" if parts else "")
             )
         else:
             verdict.kind = "unknown"

@@ -102,6 +102,8 @@ def what(report: Report) -> str:
         return f"It looks like {text}, but this recording cannot tell that apart from {alike}."
     found = " and ".join(_effect(e) for e in sure)
     beside = " and ".join(_effect(e) for e in report["effects"] if e not in sure)
+    if not rivals:
+        return f"It is caused by {found}. Beside it {beside} may act: this recording cannot tell whether it does."
     return f"It is caused by {found}. Beside it there is {beside}, which this recording cannot tell apart from {alike}."
 
 
