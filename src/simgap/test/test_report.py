@@ -162,6 +162,8 @@ def test_what_is_sure_is_told_apart_from_what_is_open(found: Diagnosis) -> None:
     assert title(report) == "Coulomb friction everywhere, and a further cause that is not settled"
     assert what(report).startswith("It is caused by coulomb friction everywhere (friction 0.2 N m")
     assert what(report).endswith("which this recording cannot tell apart from armature everywhere.")
+    unsure = report | {"equivalent": [["armature@elbow"]]}
+    assert what(unsure).endswith(" may act: this recording cannot tell whether it does.")
     whole = report | {"equivalent": [["armature@elbow + coulomb_friction@all", "viscous_friction@all"]]}
     assert title(whole) == "Several causes explain it equally well"
     assert what(whole).startswith("It looks like coulomb friction everywhere")
