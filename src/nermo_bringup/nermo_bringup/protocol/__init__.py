@@ -1,1 +1,0 @@
-"""The protocol of a gap diagnosis, played through the graph and recorded."""
