@@ -16,7 +16,7 @@ DAMPING = 0.2
 """[N m s/rad]"""
 
 
-def _report(servo: float, joint: float, told: bool = True) -> dict[str, object]:
+def _report(servo: float, joint: float) -> dict[str, object]:
     """Of a pendulum whose servo and joint have more damping than the model, switched off for 0.8 s in every 2 s."""
     own: list[mujoco.MjModel] = []
     kept: list[np.ndarray] = []
@@ -33,8 +33,7 @@ def _report(servo: float, joint: float, told: bool = True) -> dict[str, object]:
 
     table = simulate("pendulum", 20.0, change=change, push=switch)
     table["on"] = (table["t"] % 2.0 <= 1.201).astype(float)
-    row = {"enabled": {"column": "on"}} if told else {}
-    plant = plant_of("pendulum", lambda data: data.update(row))
+    plant = plant_of("pendulum", lambda data: data.update({"enabled": {"column": "on"}}))
     options = Options(only=("servo_damping", "viscous_friction"), threads=1, baselines=False)
     return diagnose([recording_from_table(table, plant)], plant, options).report
 

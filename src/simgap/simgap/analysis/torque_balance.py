@@ -144,12 +144,13 @@ def hints(found: Sequence[Balance], switched: bool = False) -> list[tuple[str, s
     kinds: dict[str, tuple[float, list[tuple[str, str, float]]]] = {}
     for b in found:
         off = abs(float(np.log(max(b.gain, _LEAST_GAIN)))) if b.actuator else 0.0
+        brakes = b.servo and switched
         rows = [
             ("servo_gain", b.actuator, b.gain, off),
             ("coulomb_friction", b.joint, b.friction, b.carries["friction"]),
-            ("servo_damping", b.actuator if b.servo and switched else "", b.damping, b.carries["damping"]),
-            ("viscous_friction", "" if b.servo and switched else b.joint, b.damping, b.carries["damping"]),
-            ("joint_damping", "" if b.servo and switched else b.joint, b.damping, b.carries["damping"]),
+            ("servo_damping", b.actuator if brakes else "", b.damping, b.carries["damping"]),
+            ("viscous_friction", "" if brakes else b.joint, b.damping, b.carries["damping"]),
+            ("joint_damping", "" if brakes else b.joint, b.damping, b.carries["damping"]),
             ("servo_offset", b.actuator if b.servo else "", b.offset, b.carries["offset"]),
         ]
         for name, site, value, worth in rows:

@@ -163,6 +163,8 @@ def _with_effects(verdict: Verdict, selector: Selector, selection: Selection) ->
     elif incomplete or hidden:
         left = f"{typical:.1f} noise floors are left in a typical window"
         parts = bool(verdict.equivalent) and all(names(f) < names(best.fit) for f in verdict.open[1:])
+        # It has to be likelier than all of them together.
+        parts &= verdict.probability >= MOST
         if by_causes >= MOST and (parts or not verdict.equivalent):
             # Whoever says a part of it does not contradict it.
             verdict.kind, verdict.equivalent = "partial", []
