@@ -9,8 +9,8 @@ import pytest
 
 from simgap.blind.calibrate import Case, case, propose
 from simgap.inference.calibrated import calibrated
-from simgap.inference.decision import SPARSITY, Evidence
-from simgap.inference.scores import LAW_ERROR
+from simgap.inference.decision import Evidence
+from simgap.inference.thresholds import LAW_ERROR, SPARSITY
 
 
 def _made(rng: np.random.Generator, law_error: float) -> Case:

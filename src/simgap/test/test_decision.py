@@ -17,7 +17,8 @@ from simgap.effects.servo import STATED, ServoGain
 from simgap.inference.decision import Class, names
 from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.model_selection import only_larger_group
-from simgap.inference.scores import LAW_ERROR, temperature
+from simgap.inference.scores import temperature
+from simgap.inference.thresholds import LAW_ERROR
 from simgap.simulation.replay import Replayer
 from simgap.simulation.scales import measure_scales
 from simgap.simulation.variant import Variant

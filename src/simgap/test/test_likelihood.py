@@ -15,10 +15,11 @@ from simgap.effects.library import enumerate_effects
 from simgap.inference.decision import Class, by_block, probabilities
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
-from simgap.inference.likelihood import TAIL, Likelihood
+from simgap.inference.likelihood import Likelihood
 from simgap.inference.nuisance import enumerate_nuisances
 from simgap.inference.residual import Residuals
 from simgap.inference.scores import Scored
+from simgap.inference.thresholds import TAIL
 from simgap.inference.verdict import Verdict
 from simgap.simulation.replay import Replayer
 from simgap.simulation.scales import measure_scales

@@ -6,8 +6,8 @@ Let E_h be the cost of hypothesis h: minus its held-out log density (`likelihood
 
 Then p(h) is proportional to exp(-E_h / L), averaged over Bayesian bootstraps of blocks of windows (pseudo-BMA+: Yao,
 Vehtari, Simpson, Gelman 2018), so that what a few windows say is not taken for certain. L is the temperature: no law of
-a library is quite what a robot has, and the wrong one may bend a little better; a share `scores.LAW_ERROR` of what the
-weakest effect of the winner earns is counted as one nat, and never less than one.
+a library is quite what a robot has, and the wrong one may bend a little better; a share `thresholds.LAW_ERROR` of what
+the weakest effect of the winner earns is counted as one nat, and never less than one.
 """
 
 from __future__ import annotations
@@ -20,18 +20,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.inference.calibrated import calibrated
 from simgap.inference.hypothesis import Fit
 from simgap.inference.model_selection import only_larger_group, special_case, surprise
-from simgap.inference.scores import LAW_ERROR, Scored, temperature
+from simgap.inference.scores import Scored, temperature
+from simgap.inference.thresholds import LAW_ERROR, SPARSITY
 
 Array = NDArray[np.float64]
 
-SURE = 0.9
-"""Probability from which a hypothesis stands alone."""
-SPARSITY = calibrated().sparsity
-"""How much the number, kinds and places of effects count: 1 where all kinds are equally likely, each wherever it can
-act."""
 _DRAWS = 400
 
 

@@ -21,11 +21,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.inference.thresholds import TAIL
+
 Array = NDArray[np.float64]
 
-TAIL = 4.0
-"""Degrees of freedom nu of windows about their channel's scale: the usual choice of robust regression (Lange, Little,
-Taylor 1989), under which a window that is far off counts less than its square but never nothing."""
 PRIOR_WINDOWS = 1.0
 """Weight of the prior of no discrepancy, in windows that show none: decides only where there are few windows."""
 _ROUNDS, _SETTLED = 60, 1e-4

@@ -26,11 +26,9 @@ MORE = 0.3
 """Any further effect must take this share of what the typical window is left with above the noise floor."""
 FURTHER = 0.1
 """Or this share of what the first effect earns: as much as two laws may differ by that are told apart with a
-probability of 0.9 (`scores.LAW_ERROR`). Real robots have several causes, and no law that leaves little."""
+probability of 0.9 (`thresholds.LAW_ERROR`). Real robots have several causes, and no law that leaves little."""
 _OUT = 3.0
 """Unless it takes so many times what any other effect takes in its place: the misfit of a law has no such favourite."""
-UNEXPLAINED = 2.0
-"""[noise floors] An effect that is the cause leaves a typical window with no more."""
 TIE = 0.5
 """[nats] Closer than this, two hypotheses predict the same."""
 CLOSE, LEAD = 3.0, 0.1

@@ -8,17 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.inference.calibrated import calibrated
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit
+from simgap.inference.thresholds import LAW_ERROR
 
 Array = NDArray[np.float64]
 
 BOOTSTRAPS = 400
 DIFFERENT, _FEW = 0.5, 2
 """[nats] by which two hypotheses differ in a block, at least; blocks that are needed for an interval."""
-LAW_ERROR = calibrated().law_error
-"""Share of an effect's own gain by which another law may fit better by chance of its form."""
 PER_PARAMETER = 1.0
 """Price of a parameter [nats], beyond what held-out scoring takes by itself."""
 

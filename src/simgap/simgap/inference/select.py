@@ -28,7 +28,6 @@ from simgap.inference.model_selection import (
     EVIDENCE_MORE,
     FINALISTS,
     FURTHER,
-    UNEXPLAINED,
     earns,
     indistinct,
     places,
@@ -38,6 +37,7 @@ from simgap.inference.model_selection import (
 from simgap.inference.nuisance import BOX
 from simgap.inference.scores import Scored, Scores
 from simgap.inference.screen import Screened, informative_windows
+from simgap.inference.thresholds import UNEXPLAINED
 
 Array = NDArray[np.float64]
 

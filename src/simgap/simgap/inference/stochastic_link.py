@@ -17,9 +17,10 @@ from simgap.effects.base import Effect
 from simgap.effects.link import Late
 from simgap.inference.hypothesis import Fit
 from simgap.inference.link_fit import LinkFit, LinkFitter
-from simgap.inference.model_selection import EVIDENCE, EVIDENCE_MORE, UNEXPLAINED, by_chance, indistinct
+from simgap.inference.model_selection import EVIDENCE, EVIDENCE_MORE, by_chance, indistinct
 from simgap.inference.select import ENOUGH, Selection, Selector
 from simgap.inference.structure import REPEATS, predictable_share, repeating_share
+from simgap.inference.thresholds import UNEXPLAINED
 
 Array = NDArray[np.float64]
 

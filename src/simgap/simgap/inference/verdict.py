@@ -9,36 +9,16 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.inference.decision import SURE, Class, Evidence, classes, names
+from simgap.inference.decision import Class, Evidence, classes, names
 from simgap.inference.hypothesis import Fit
-from simgap.inference.model_selection import UNEXPLAINED, places
+from simgap.inference.model_selection import places
 from simgap.inference.nuisance import BOX
 from simgap.inference.scores import Scored, Scores
 from simgap.inference.screen import angle, projected_response
 from simgap.inference.select import REPEATED, Selection, Selector
+from simgap.inference.thresholds import MOST, MUCH, REMAINS, REMAINS_CHANNEL, REST, SURE, UNEXPLAINED
 
 Array = NDArray[np.float64]
-
-REMAINS = 1.6
-"""A typical window that is left with a gap of this many noise floors is no case of no gap, whatever it looks like. In
-the blind set 79341278 healthy robots leave 1.24 at most there, slipping feet that nothing explained 1.7."""
-REMAINS_CHANNEL = 2.5
-"""Nor is a channel that is left with so many over all windows: healthy robots of the blind sets 79341278 and 27027990
-leave 2.2 at most (58 of them), a drag at one joint of a quadruped that nothing explained 4.0."""
-COMPLETE = 0.15
-"""Causes that leave a typical window with more than UNEXPLAINED noise floors have explained the gap where they leave no
-more than this share of what nominal numbers leave."""
-MOST = 0.5
-"""Share of the gap that named causes must explain to be a good part of the answer: more than all the rest."""
-MUCH = 7.0
-"""All windows together that are left with more noise floors than this are no case of no gap, though it be few of them;
-nor is a typical one explained, however small a share of a large gap that is."""
-HIDDEN = 0.15
-"""Another effect hides in nominal numbers at the end of what their priors allow where letting them go further is worth
-this share of what the effect that was found is worth."""
-GUESSED = 2.0
-"""A typical window that depends by so many noise floors on where a joint is guessed to be proves no effect. A double
-pendulum whose elbow's angle is not recorded: 98; a mouse whose servos and spine are not: 1e-7."""
 
 
 @dataclass
@@ -156,7 +136,7 @@ def _with_effects(verdict: Verdict, selector: Selector, selection: Selection) ->
     typical, reference_typical = (scores.typical(s.fit.held) for s in (best, reference))
     pairs = (reference_typical, typical), (reference.gap, best.gap)
     by_causes = max(_explained(before, after) for before, after in pairs)
-    incomplete = typical > MUCH or (typical > UNEXPLAINED and by_causes < 1.0 - COMPLETE)
+    incomplete = typical > MUCH or (typical > UNEXPLAINED and by_causes < 1.0 - REST)
     hidden = _hidden(selector, selection)
     if doubts:
         verdict.kind, verdict.reasons = "unknown", doubts
@@ -253,7 +233,7 @@ def _doubts(selector: Selector, selection: Selection) -> list[str]:
     doubts = []
     replayer = selector.fitter.residuals.replayer
     guessed = replayer.guesswork()
-    if guessed > GUESSED:
+    if guessed > UNEXPLAINED:
         joints = replayer.plant.names(mujoco.mjtObj.mjOBJ_JOINT)
         unseen = [joints[j] for j in replayer.unseen()]
         more = f" and {len(unseen) - 3} joints more" if len(unseen) > 3 else ""
@@ -283,7 +263,7 @@ def _hidden(selector: Selector, selection: Selection) -> str:
     """What is hidden in nominal numbers at the end of their boxes, in words; empty where nothing is."""
     best = selection.best
     strained = [selector.fitter.nuisances[i].name for i in best.fit.strained]
-    if not strained or (share := selector.hidden(selection)) <= HIDDEN:
+    if not strained or (share := selector.hidden(selection)) <= REST:
         return ""
     return (
         f"beside {best.key}, {' and '.join(strained)} would have to be off by more than {BOX:g} prior deviations "
