@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from std_msgs.msg import Bool
 from terminal import Terminal, left_running
 
 from nermo_description.robots import load_robot
@@ -19,6 +20,7 @@ from nermo_gap.protocol.record import record
 from nermo_gap.protocol.recorded import Recorded, read
 from nermo_gap.protocol.scene import scene_of, segments
 from nermo_gap.robots.channels import TRACKER
+from nermo_node import qos
 
 ROBOT = load_robot("nermo_lite")
 SHORT = """
@@ -103,6 +105,23 @@ def test_the_mouse_moves_while_the_space_bar_is_held_and_what_was_recorded_is_ke
     scenes = [scene_of(path) for path in segments(tmp_path / "out")]
     assert [[piece.name for piece in scene.pieces] for scene in scenes if scene is not None] == [["spine"], ["squat"]]
     assert read_back(tmp_path / "out").tables[0]["t"].min() >= 0.0
+
+
+def test_an_emergency_stop_ends_the_recording(graph, tmp_path: Path) -> None:
+    stop = graph.node.create_publisher(Bool, "/nermo/emergency_stop", qos.LATCHED)
+    log = tmp_path / "told.txt"
+    with log.open("w") as file:
+        process = subprocess.Popen([*WORDS, "--out", "out"], cwd=tmp_path, stdout=file, stderr=subprocess.STDOUT)
+    try:
+        graph.spin_until(lambda: "1 of 1: bend it" in log.read_text(), "the first piece begins", 240.0)
+        stop.publish(Bool(data=True))
+        graph.spin_until(lambda: process.poll() is not None, "it ends", 120.0)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 1
+    assert "emergency stop: the recording ends here" in log.read_text()
+    assert not (tmp_path / "out" / "2_standing").exists()
 
 
 def test_a_real_mouse_is_not_moved_without_somebody_who_watches_it(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Bool
 
 from nermo_bringup.nodes.outlet import SERVO_PERIOD_S, Outlet
 from nermo_control.driver import Driver, Limits
@@ -19,6 +20,7 @@ from nermo_control.types import Posture
 from nermo_interfaces.msg import ServoCommand
 from nermo_node import qos
 from nermo_node.complaints import Complaints
+from nermo_node.emergency_stop_input import TOPIC
 from nermo_node.graph_clock import USE_SIM_TIME
 from nermo_node.inputs import Inputs
 from nermo_node.run import EventsExecutor
@@ -43,8 +45,14 @@ class ConductorNode(Node):
         self.outlet = Outlet(self, of_servos=True)
         self.commanded = 0
         """Stamp [ns] of what the servos were told last."""
+        self.stopped = False
+        """Whether somebody has said emergency stop since this node began."""
+        self.create_subscription(Bool, TOPIC, self._on_stop, qos.STATE)
         inputs = Inputs(self, refused.add_one)
         inputs.subscribe(ServoCommand, "servo_command", self._on_servo_command, qos.BEST_EFFORT)
+
+    def _on_stop(self, message: Bool) -> None:
+        self.stopped |= message.data
 
     def _on_servo_command(self, message: ServoCommand) -> None:
         self.commanded = to_nanoseconds(message.header.stamp)

@@ -153,6 +153,10 @@ class _Session:
         try:
             while not conductor.over:
                 self._look_for_leaving()
+                if node.stopped:
+                    raise CommandError(
+                        "emergency stop: the recording ends here, and what was played before this piece is kept"
+                    )
                 now = node.next_tick(last)
                 if time.monotonic() - checked > CHECK_S:
                     checked = time.monotonic()
