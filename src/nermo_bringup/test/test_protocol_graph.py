@@ -10,10 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rclpy
 from numpy.typing import NDArray
 from std_msgs.msg import Bool
 from terminal import Terminal, left_running
 
+from nermo_bringup.launch.runner import lead_own_life
 from nermo_description.robots import load_robot
 from nermo_gap.protocol.play import Body
 from nermo_gap.protocol.record import record
@@ -42,6 +44,22 @@ RECORD = f"{SHORT}\nfrom nermo_bringup.cli import main\nsys.argv[0] = 'nermo'\nm
 WORDS = [sys.executable, "-c", RECORD, "gap", "record", "--protocol", "short", "--target", "sim"]
 
 
+DIES_WITH_US = lead_own_life(os.getpid())
+"""What a test run that is killed would leave in its ROS domain disturbs whoever leases that domain next."""
+
+
+def told_by(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        words,
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=600.0,
+        preexec_fn=DIES_WITH_US,
+    )
+
+
 def in_process(out: Path) -> Recorded:
     made: dict = {}
     exec(SHORT, made)
@@ -61,7 +79,7 @@ def column(table: dict[str, NDArray[np.float64]], name: str, run: float, t: NDAr
 
 
 def test_a_protocol_through_the_graph_is_recorded_as_in_process(tmp_path: Path) -> None:
-    told = subprocess.run([*WORDS, "--out", "out"], cwd=tmp_path, capture_output=True, text=True, timeout=600.0)
+    told = told_by([*WORDS, "--out", "out"], tmp_path)
     assert told.returncode == 0, told.stderr
     for words in ("hung: hang it up", "1 of 1: bend it (2 s)", "standing: set it down", "2 of 2: trot (3 s)"):
         assert words in told.stderr
@@ -111,7 +129,9 @@ def test_an_emergency_stop_ends_the_recording(graph, tmp_path: Path) -> None:
     stop = graph.node.create_publisher(Bool, "/nermo/emergency_stop", qos.LATCHED)
     log = tmp_path / "told.txt"
     with log.open("w") as file:
-        process = subprocess.Popen([*WORDS, "--out", "out"], cwd=tmp_path, stdout=file, stderr=subprocess.STDOUT)
+        process = subprocess.Popen(
+            [*WORDS, "--out", "out"], cwd=tmp_path, stdout=file, stderr=subprocess.STDOUT, preexec_fn=DIES_WITH_US
+        )
     try:
         graph.spin_until(lambda: "1 of 1: bend it" in log.read_text(), "the first piece begins", 240.0)
         stop.publish(Bool(data=True))
@@ -124,9 +144,20 @@ def test_an_emergency_stop_ends_the_recording(graph, tmp_path: Path) -> None:
     assert not (tmp_path / "out" / "2_standing").exists()
 
 
+def test_two_graphs_do_not_disturb_each_other(graph, tmp_path: Path) -> None:
+    there = rclpy.create_node("mujoco_sim", namespace="nermo", context=graph.node.context)
+    try:
+        told = told_by([*WORDS, "--out", "out"], tmp_path)
+    finally:
+        there.destroy_node()
+    assert told.returncode == 1
+    assert "a graph is up already" in told.stderr and "/nermo/mujoco_sim" in told.stderr
+    assert "take another ROS_DOMAIN_ID" in told.stderr
+
+
 def test_a_real_mouse_is_not_moved_without_somebody_who_watches_it(tmp_path: Path) -> None:
     words = [*WORDS[:-1], "serial", "--port", str(tmp_path / "device"), "--out", "out"]
-    told = subprocess.run(words, cwd=tmp_path, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120.0)
+    told = told_by(words, tmp_path)
     assert told.returncode == 2
     assert "this needs a terminal as its input" in told.stderr and "Traceback" not in told.stderr
     assert not (tmp_path / "out").exists()

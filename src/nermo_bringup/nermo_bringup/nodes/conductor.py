@@ -66,6 +66,15 @@ class ConductorNode(Node):
         """Asks that the servos may have power: somebody wants the mouse to stand."""
         self._driver.take(Posture.STAND)
 
+    def present(self) -> set[str]:
+        """Full names of the other nodes in the graph."""
+        found = {f"{space.rstrip('/')}/{name}" for name, space in self.get_node_names_and_namespaces()}
+        return found - {self.get_fully_qualified_name()}
+
+    def serve(self, seconds: float) -> None:
+        """Serves the node for so long [s] at most."""
+        self._executor.spin_once(timeout_sec=seconds)
+
     def next_tick(self, last: int) -> int:
         """Serves the node until there is another control tick than `last` [ns], at most for `LONGEST_S`; now [ns]."""
         until = time.monotonic() + LONGEST_S

@@ -6,7 +6,7 @@ import os
 import select
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +16,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from nermo_bringup.drive.session import Signals
+from nermo_bringup.launch.command import MAIN_FILE
+from nermo_bringup.launch.description import load
+from nermo_bringup.launch.executables import find_launch_file
 from nermo_bringup.launch.running_graph import ALIVE, Graph, running_graph
 from nermo_bringup.nodes.conductor import ConductorNode, in_graph
 from nermo_bringup.protocol.dead_man import hint, watching
@@ -36,6 +39,8 @@ SPOILED = 5
 """So often a piece is played again though nobody let go."""
 CHECK_S = 0.5
 """So often we look whether the graph is still there."""
+OTHERS_S = 1.0
+"""So long we look for a graph that is up already; discovery takes some tenths of a second."""
 
 
 class LeftError(Exception):
@@ -119,15 +124,16 @@ class _Session:
         try:
             with (
                 watching(request.watched_by, request.pad) as held,
-                running_graph(arguments, log, self._domain) as graph,
                 in_graph(NAMESPACE, sim_time=request.target == "sim") as node,
             ):
-                alive = [topic for topic in ALIVE if request.on_twin or topic != "truth/odom"]
-                graph.wait_until_alive(bag, request.target == "sim", alive, self._look_for_leaving)
-                conductor = Conductor(segment, request.robot, self._tell)
-                played = conductor.played
-                with self._progress(segment) as advance:
-                    self._play(conductor, node, graph, held, advance, log)
+                self._refuse_another_graph(node, arguments)
+                with running_graph(arguments, log, self._domain) as graph:
+                    alive = [topic for topic in ALIVE if request.on_twin or topic != "truth/odom"]
+                    graph.wait_until_alive(bag, request.target == "sim", alive, self._look_for_leaving)
+                    conductor = Conductor(segment, request.robot, self._tell)
+                    played = conductor.played
+                    with self._progress(segment) as advance:
+                        self._play(conductor, node, graph, held, advance, log)
         finally:
             # Also of a segment that was not played to its end.
             if played:
@@ -135,6 +141,19 @@ class _Session:
                     request.protocol, segment, request.robot.name, Stand(), np.asarray(self._rest), played
                 )
                 write_yaml(scene.model_dump(mode="json", exclude_none=True), folder / SCENE_FILE)
+
+    def _refuse_another_graph(self, node: ConductorNode, arguments: Mapping[str, str]) -> None:
+        """Two graphs with the same names would hear each other's clocks and commands."""
+        expected = {n.full_name for n in load(find_launch_file("nermo_bringup", MAIN_FILE), arguments).nodes}
+        until = time.monotonic() + OTHERS_S
+        while time.monotonic() < until:
+            self._look_for_leaving()
+            node.serve(CHECK_S)
+            if there := node.present() & expected:
+                raise CommandError(
+                    f"a graph is up already in ROS_DOMAIN_ID={self._domain} ({', '.join(sorted(there)[:3])}): end it, "
+                    "or take another ROS_DOMAIN_ID"
+                )
 
     def _play(
         self,
