@@ -158,7 +158,7 @@ _WORDS = {
     "calibrate": ("nermo_sim.calibrate.cli:calibrate_app", "Fit the physical numbers that the thesis does not print."),
     "sensors": ("nermo_sensors.cli:sensors_app", "Calibrate and judge tactile sensors."),
     "hw": ("nermo_hw.cli:hw_app", "The real robot: look at it, emulate it, test its lines."),
-    "gap": ("nermo_gap.cli:gap_app", "Say why robot and twin differ."),
+    "gap": ("nermo_bringup.protocol.cli:gap_app", "Say why robot and twin differ."),
 }
 
 

@@ -74,19 +74,26 @@ def test_a_wrong_file_ends_the_player_with_one_sentence(graph, tmp_path: Path) -
     assert "Traceback" not in output
 
 
-@pytest.mark.parametrize("controlled", [False, True])
-def test_servo_positions_are_played_and_somebody_else_who_commands_them_is_told(
-    graph, tmp_path: Path, controlled: bool
-) -> None:
+def test_servo_positions_go_to_who_owns_the_servos_and_at_the_end_the_mouse_is_to_stand(graph, tmp_path: Path) -> None:
     path = tmp_path / "squat.yaml"
-    path.write_text("{duration: 1.0, commands: [{at: 0, servos: {tail: 0.1}}, {at: 0.5, servos: {tail: 0.2}}]}")
-    heard: list[float] = []
-    if controlled:
-        graph.node.create_publisher(ServoCommand, "servo_command", 1)
+    path.write_text(
+        "{duration: 1.2, commands: [{at: 0, posture: sit}, {at: 0.3, servos: {tail: 0.1, head_pan: 0.3}}, "
+        "{at: 0.8, servos: {tail: 0.2}}]}"
+    )
+    targets: list[ServoCommand] = []
+    said: list[ControlCommand] = []
+    graph.node.create_subscription(ServoCommand, "servo_targets", targets.append, 500)
+    graph.node.create_subscription(ControlCommand, "control_command", said.append, 500)
     player = graph.start(PLAYER, *graph.parameters(file=str(path)))
-    graph.spin_until(lambda: graph.node.count_publishers("servo_command") > controlled, "the player is there")
-    graph.node.create_subscription(ServoCommand, "servo_command", lambda message: heard.append(message.position[0]), 50)
     graph.spin_until(lambda: player.poll() is not None, "the end")
     output, _ = player.communicate(timeout=30)
-    assert player.returncode == 0 and heard[-1] == 0.2
-    assert ("up controller:=false" in output) == controlled
+    assert player.returncode == 0, output
+    postures = [command.posture for command in said]
+    assert [a for a, b in zip(postures, [None, *postures], strict=False) if a != b] == [
+        ControlCommand.POSTURE_SIT,
+        ControlCommand.POSTURE_DIRECT,
+        ControlCommand.POSTURE_STAND,
+    ]
+    assert dict(zip(targets[0].name, targets[0].position, strict=True)) == {"tail": 0.1, "head_pan": 0.3}
+    assert dict(zip(targets[-1].name, targets[-1].position, strict=True)) == {"tail": 0.2, "head_pan": 0.3}
+    assert graph.node.count_publishers("servo_command") == 0

@@ -53,6 +53,35 @@ def test_a_file_of_servo_positions_keeps_what_is_not_named(tmp_path: Path) -> No
     script = load_script(write(tmp_path, "commands: [{at: 0, servos: {a: 0.1, b: 0.2}}, {at: 1, servos: {b: 0.3}}]"))
     assert script.servos_at(0) == {"a": 0.1, "b": 0.2}
     assert script.servos_at(SECOND) == {"a": 0.1, "b": 0.3}
+    assert script.control_at(SECOND, 7) == ControlCommand(stamp=7, posture=Posture.DIRECT)
+    assert script.last(9) == ControlCommand(stamp=9, posture=Posture.STAND)
+
+
+def test_a_file_may_take_turns_between_commands_and_servo_positions(tmp_path: Path) -> None:
+    script = load_script(
+        write(
+            tmp_path,
+            """
+commands:
+  - {at: 0, posture: stand, gait: trot}
+  - {at: 1, servos: {a: 0.1, b: 0.2}}
+  - {at: 2, posture: walk, forward_velocity: 0.05}
+  - {at: 3, servos: {b: 0.3}}
+  - {at: 4, turn_rate: 0.1}
+""",
+        )
+    )
+    assert [script.servos_at(second * SECOND) for second in range(5)] == [
+        None,
+        {"a": 0.1, "b": 0.2},
+        None,
+        {"b": 0.3},
+        None,
+    ]
+    postures = [script.control_at(second * SECOND, 0).posture for second in range(5)]
+    assert postures == [Posture.STAND, Posture.DIRECT, Posture.WALK, Posture.DIRECT, Posture.WALK]
+    assert script.control_at(4 * SECOND, 5) == ControlCommand(5, 0.05, 0.1, Posture.WALK, gait="trot")
+    assert script.last(6) == ControlCommand(6, posture=Posture.WALK, gait="trot")
 
 
 @pytest.mark.parametrize(
@@ -84,7 +113,12 @@ def test_a_file_of_servo_positions_keeps_what_is_not_named(tmp_path: Path) -> No
         ),
         ({"at": 0}, "commands.1.at: 0 s does not come after 0 s"),
         ({"forward_velocity": 0.1}, "commands.1.at: is missing"),
-        ({"at": 1, "servos": {"tail": 0.0}}, "commands.1: a file holds either control commands or servo positions"),
+        (
+            {"at": 1, "servos": {"tail": 0.0}, "gait": "trot"},
+            "commands.1: has servos and gait; an entry with servos has no other field than `at`",
+        ),
+        ({"at": 1, "servos": {}}, "commands.1.servos: names no servo"),
+        ({"at": 1, "posture": "direct"}, "commands.1.posture: is 'direct'; input should be 'walk'"),
     ],
 )
 def test_a_wrong_file_names_entry_field_value_and_range(tmp_path: Path, entry: dict, complaint: str) -> None:

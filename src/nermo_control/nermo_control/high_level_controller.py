@@ -113,6 +113,10 @@ class HighLevelControllerConfig(BaseModel):
     )
 
 
+_GOES_ON = (Posture.WALK, Posture.DIRECT)
+"""Postures in which the mouse goes on moving, so that somebody has to go on asking for them."""
+
+
 class HighLevelController:
     """Obeys the stick (external trajectory mode), holds a straight line or follows a path (internal trajectory mode).
 
@@ -193,7 +197,7 @@ class HighLevelController:
         self._inbox.take(stamp, command, warnings)
 
         wish = self._inbox.command
-        late = wish is not None and wish.posture == Posture.WALK and not self._inbox.fresh(stamp)
+        late = wish is not None and wish.posture in _GOES_ON and not self._inbox.fresh(stamp)
         if late and not self._late:
             warnings.append(f"no command for {self._config.command_timeout:g} s: the mouse stops")
         self._late = late

@@ -15,10 +15,10 @@ from nermo_control.motion.body import Body
 from nermo_control.motion.config import MotionModuleConfig
 from nermo_control.motion.context import STANDING_STILL, MotionContext
 from nermo_control.motion.feet import Feet, neutral_feet
-from nermo_control.motion.states import Holding, State, Walking
+from nermo_control.motion.states import Following, Holding, State, Walking
 from nermo_control.motion.tick import Tick
 from nermo_control.oscillators.legs import OscillatorLegs
-from nermo_control.types import FootTrajectory, Imu, LegLoads, MotionCommand, MotionOutput, Posture
+from nermo_control.types import FootTrajectory, Imu, LegLoads, MotionCommand, MotionOutput, Posture, ServoTargets
 from nermo_control.validation import motion_command_error
 from nermo_description.parameters import RobotParameters
 
@@ -106,16 +106,18 @@ class MotionModule:
         servo_positions: Sequence[float],
         imu: Imu | None = None,
         loads: LegLoads | None = None,
+        targets: ServoTargets | None = None,
     ) -> MotionOutput:
         """One control tick at `stamp` [ns]: the newest command and the measured servo positions [rad], in robot order.
 
         The measured positions matter at the start and after a jump of the clock, where the mouse moves on from them.
-        `imu` and `loads`: the newest; only the gaze mode `imu` and the coordination `tegotae` need them.
+        `imu`, `loads` and `targets`: the newest; only the gaze mode `imu`, the coordination `tegotae` and the posture
+        DIRECT need them.
         """
         if stamp == self._last_stamp:
             return self._output
         context = self._context
-        context.tick = tick = Tick(stamp, imu, loads)
+        context.tick = tick = Tick(stamp, imu, loads, targets)
         context.velocities = STANDING_STILL
         if self._last_stamp is None or not 0 < stamp - self._last_stamp <= context.timeout:
             self._restart(servo_positions)
@@ -149,7 +151,21 @@ class MotionModule:
                 names = " and ".join(silent)
                 context.tick.warnings.append(f"nothing from {names} for {context.timeout * 1e-9:g} s: the mouse stops")
             return Posture.STILL
+        if command.posture == Posture.DIRECT and (missing := self._nothing_to_follow()):
+            if isinstance(self._state, Following):
+                context.tick.warnings.append(
+                    f"nothing from {missing} for {context.timeout * 1e-9:g} s: the mouse stands"
+                )
+            return Posture.STAND
         return Posture(command.posture)
+
+    def _nothing_to_follow(self) -> str:
+        """Who is silent, so that the servos cannot go where they are told from outside; empty where they can."""
+        stamp, targets = self._context.tick.stamp, self._context.tick.targets
+        if not self._inbox.fresh(stamp):
+            return "high_level_controller"
+        told = targets is not None and abs(stamp - targets.stamp) <= self._context.timeout
+        return "" if told else "servo_targets"
 
     def _silent(self) -> list[str]:
         """Nodes whose last message no longer counts; without all of them the mouse does not walk."""

@@ -18,7 +18,8 @@ class Posture(IntEnum):
     """What the body is asked to do; values of `ControlCommand.POSTURE_*`.
 
     STOP freezes every servo; STILL ends walking on four feet, each where it came down; STAND is the neutral stance.
-    LIFT_* is the stand with one leg lifted, as in the balance test (N 6.1.5).
+    LIFT_* is the stand with one leg lifted, as in the balance test (N 6.1.5). In DIRECT the servos follow
+    `ServoTargets`, as long as they come.
     """
 
     WALK = 0
@@ -31,6 +32,7 @@ class Posture(IntEnum):
     LIFT_FRONT_RIGHT = 7
     LIFT_REAR_LEFT = 8
     LIFT_REAR_RIGHT = 9
+    DIRECT = 10
 
 
 class TrajectoryMode(IntEnum):
@@ -124,6 +126,15 @@ class LegLoads:
     stamp: int
     load: Four
     """Vertical [N], 0 or more."""
+
+
+@dataclass(frozen=True, slots=True)
+class ServoTargets:
+    """What the servos are to follow in the posture DIRECT."""
+
+    stamp: int
+    positions: tuple[float | None, ...]
+    """[rad], in the order of the robot's servos; None for one that stays where it is."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,28 @@ PEAK_VELOCITY = 1.875
 """Largest slope of `smooth`, in its middle."""
 
 
+class Approach:
+    """From `start` [rad] to a goal that may itself move: smoothly to begin with, and as it is from then on.
+
+    It takes as long as a `Blend` to the first goal, none of whose servos is faster than `velocity` [rad/s].
+    """
+
+    def __init__(self, start: Sequence[float], velocity: float, stamp: int) -> None:
+        self._start, self._velocity, self._stamp = tuple(start), velocity, stamp
+        self._duration: float | None = None
+
+    def at(self, stamp: int, goal: Sequence[float]) -> list[float]:
+        """Servo positions [rad] at a time [ns], where the goal is now there."""
+        if self._duration is None:
+            farthest = max(abs(b - a) for a, b in zip(self._start, goal, strict=True))
+            self._duration = PEAK_VELOCITY * farthest / self._velocity
+        elapsed = (stamp - self._stamp) * 1e-9
+        if elapsed >= self._duration:
+            return list(goal)
+        share = smooth(elapsed / self._duration)
+        return [a + share * (b - a) for a, b in zip(self._start, goal, strict=True)]
+
+
 class Blend:
     """A move of all servos from `start` to `end` [rad], none faster than `velocity` [rad/s]."""
 

@@ -20,6 +20,7 @@ from nermo_description.deviations import enter_deviations
 from nermo_description.pantograph_model import build_pantograph_robot, set_pantograph_posture
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_description.robots import AnyRobot
+from nermo_description.stand import Stand
 
 
 class _Family(NamedTuple):
@@ -30,6 +31,8 @@ class _Family(NamedTuple):
 
 
 SCENES = Path(str(files("nermo_description"))) / "scenes"
+HUNG = "hung"
+"""The scene with a stand, which the compiled model has."""
 SETTLING_TIME = 2.0
 """Simulated time that a keyframe's posture is given to come to rest [s]."""
 
@@ -53,8 +56,16 @@ def build_spec(robot: AnyRobot, scene: str | Path = "flat") -> mujoco.MjSpec:
 
 
 def build_model(robot: AnyRobot, scene: str | Path = "flat") -> mujoco.MjModel:
-    """`build_spec`, compiled."""
-    return build_spec(robot, scene).compile()
+    """`build_spec`, compiled; in the scene `hung` with the torso in a stand.
+
+    Raises ValueError for a scene that does not exist, and for one that is not for this family of robots.
+    """
+    if scene == HUNG and robot.family != "mouse":
+        raise ValueError(f"scene '{HUNG}' is the stand of a mouse, and {robot.name} is a {robot.family}")
+    model = build_spec(robot, scene).compile()
+    if scene == HUNG:
+        Stand().hang(model)
+    return model
 
 
 def build_robot(robot: AnyRobot) -> mujoco.MjSpec:

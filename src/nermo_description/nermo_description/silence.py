@@ -47,12 +47,18 @@ WALK = Silence(
     "the step is ended and the mouse stands, 0.15 s later",
     "three repeats of the slowest, the gait parameters; over before another sender may begin",
 )
+TARGETS = Silence(
+    "`servo_targets`, or the command to follow them",
+    0.3,
+    "the servos hold the last ones until then; then the mouse stands",
+    "as for a walk; whoever plays them sends them as often as the servos are told",
+)
 OWNER = Silence(
     "commands of the sender that is obeyed", 0.5, "another one may command", "longer than it takes to stand"
 )
 GONE = Silence("an end of the link", 5.0, "it is gone, and its stops with it", "ten times what counts as connected")
 
-SILENCES = (HOLD, CROUCH, AWAY, STICK, WALK, OWNER, LINK, GONE)
+SILENCES = (HOLD, CROUCH, AWAY, STICK, WALK, TARGETS, OWNER, LINK, GONE)
 
 
 def table() -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -14,6 +14,9 @@ from simgap.blind.cli import blind_app
 from simgap.console import HELP, called, fail, print_diagnosis, progress, refusals, silence, write_diagnosis
 from simgap.execution.executors import HELP as EXECUTOR
 from simgap.execution.executors import PROCESSES
+
+if TYPE_CHECKING:
+    from nermo_gap.protocol.through_graph import ThroughGraph
 
 # What does the work takes seconds to import, and help is asked for often: commands import it when they run.
 
@@ -29,6 +32,13 @@ gap_app = typer.Typer(
 
 
 gap_app.add_typer(blind_app)
+
+_through_graph: list[ThroughGraph] = []
+
+
+def hand_in(through_graph: ThroughGraph) -> None:
+    """Who has a graph hands in what plays a protocol through it."""
+    _through_graph[:] = [through_graph]
 
 
 @contextlib.contextmanager
@@ -129,12 +139,31 @@ def record_command(
         bool, typer.Option("--markers", help="The tracker sees a marker at each foot and at the rear torso too.")
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sensors' noise.")] = 0,
+    target: Annotated[
+        Literal["sim", "serial", "link"] | None,
+        typer.Option(help="Through the graph: on the twin, a robot at a cable, over Wi-Fi."),
+    ] = None,
+    port: Annotated[
+        str, typer.Option(help="With --target: where the robot is; twin is an emulated device with the twin behind it.")
+    ] = "twin",
+    calibration: Annotated[
+        Path | None, typer.Option(help="With --target serial: the file that nermo hw calibrate wrote.")
+    ] = None,
+    dead_man: Annotated[
+        Literal["space", "pad", "none"] | None,
+        typer.Option(help="Held while the mouse moves. Default: the space bar; nothing where it is the twin."),
+    ] = None,
+    pad: Annotated[str, typer.Option(help="With --dead-man pad: which gamepad it is.")] = "xbox",
 ) -> None:
-    """Play an experiment protocol on the twin: hung in a stand, standing, walking, still. `diagnose OUT` reads it.
+    """Play an experiment protocol: hung in a stand, standing, walking, still. `diagnose OUT` reads it.
+
+    Without --target it is the twin's, in process and in seconds. With it each segment goes through a graph of its own:
+    it says what to prepare, what comes next, and repeats a piece in which the space bar was let go.
 
     \b
     Examples:
       nermo gap record --protocol standard --out recordings/today
+      nermo gap record --target serial --port /dev/ttyUSB0 --calibration my_robot.yaml --out recordings/today
       nermo gap diagnose recordings/today
       nermo gap record --hidden 7 --out mouse7
       nermo gap record --hidden 7 --markers --out mouse7
@@ -148,15 +177,26 @@ def record_command(
         from nermo_gap.protocol.play import Body
         from nermo_gap.protocol.record import record
         from nermo_gap.protocol.standard import protocol_of
+        from nermo_gap.protocol.through_graph import Request
 
         parameters = load_robot(robot)
         chosen = protocol_of(protocol, parameters, markers)
-        twin = Body.twin(parameters, markers)
-        body, wrong = (twin, None) if hidden is None else draw(parameters, hidden, fault, markers)
-        with progress("record") as say:
-            folders = record(chosen, body, out, seed, say)
-        if hidden is not None and wrong is not None:
-            seal(Answer.of(robot, hidden, wrong), out)
+        if target is not None:
+            if hidden is not None:
+                fail("--hidden is a mouse that is played in process: it does not go with --target", 2)
+            asked = Request(chosen, parameters, robot, out, target, port, calibration, dead_man, pad, seed)
+            if markers and asked.on_twin:
+                fail("--markers: the twin in the graph wears none; leave --target out, or give the robot's --port", 2)
+            if not _through_graph:
+                fail("--target needs the graph: call this as nermo gap record", 2)
+            folders = _through_graph[0](asked)
+        else:
+            twin = Body.twin(parameters, markers)
+            body, wrong = (twin, None) if hidden is None else draw(parameters, hidden, fault, markers)
+            with progress("record") as say:
+                folders = record(chosen, body, out, seed, say)
+            if hidden is not None and wrong is not None:
+                seal(Answer.of(robot, hidden, wrong), out)
     typer.echo(f"{protocol}: {chosen.seconds:.0f} s of {parameters.name} in {len(folders)} segments")
     typer.echo(f"next: nermo gap diagnose {out}")
 

@@ -16,6 +16,7 @@ from nermo_description.model import build_model
 from nermo_description.parameter_files import write_yaml
 from nermo_description.parameters import LEGS
 from nermo_description.robots import load_robot
+from nermo_description.stand import Stand
 from nermo_gap.cli import gap_app
 from nermo_gap.protocol.detectable import channels_of, detectable
 from nermo_gap.protocol.looks import LENGTH, looker
@@ -29,7 +30,6 @@ from nermo_gap.robots.channels import MARKERS, TRACKER, command, marker
 from nermo_gap.robots.diagnosis import placed, robot_plant
 from nermo_gap.robots.simulated import Noise
 from nermo_gap.robots.sites import nuisances, worth_a_look
-from nermo_gap.robots.stand import Stand
 from nermo_sim.twin import Twin
 from simgap.data.align import align
 from simgap.data.errors import GapInputError

@@ -417,5 +417,6 @@ def test_what_a_mouse_is_asked_to_do_keeps_it_on_its_feet_and_can_be_played(tmp_
             assert twin.tilt() < 0.3
         path = menu.write(experiment, plant, tmp_path / experiment.name)
         commands = yaml.safe_load(path.read_text(encoding="utf-8"))["commands"]
-        assert set(commands[0]["servos"]) == set(robot.servos)
+        assert commands[0] == {"at": 0.0, "posture": "stand"}
+        assert set(commands[1]["servos"]) == set(robot.servos)
         assert [c["at"] for c in commands] == sorted({c["at"] for c in commands})

@@ -51,15 +51,24 @@ class Graph:
                 status=status if status in (1, 2) else 1,
             )
 
-    def wait_until_alive(self, recording: Path, stepped: bool) -> None:
-        """Wait until the recording shows that the nodes of the control chain have spoken.
+    def wait_until_alive(
+        self,
+        recording: Path,
+        stepped: bool,
+        topics: Sequence[str] = ALIVE,
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Wait until the recording shows that the nodes of the control chain have spoken on their topics.
+
+        `meanwhile` is called five times a second, and may raise.
 
         Raises:
             CommandError: the graph ended, or is not up in time; with what is missing.
         """
         deadline = time.monotonic() + STARTUP_S
-        while missing := _silent(recording, ALIVE_STEPPED if stepped else ALIVE):
+        while missing := _silent(recording, ALIVE_STEPPED if stepped else topics):
             self.check()
+            meanwhile()
             if time.monotonic() > deadline:
                 raise CommandError(
                     f"after {STARTUP_S:g} s nothing came on {', '.join(missing)}: {_tail(self._log)} "

@@ -8,24 +8,33 @@ from __future__ import annotations
 import sys
 
 from nav_msgs.msg import Odometry
+from pydantic import Field
 
 from nermo_bringup.twin_plant import TwinPlant
 from nermo_description.parameters import RobotParameters
+from nermo_hw.device.setup import EmulatorSettings
 from nermo_hw.nodes.device_emulator import DeviceEmulatorNode
 from nermo_node import qos
 from nermo_node.run import run
 from nermo_sim.twin import BaseState
 
 
+class TwinDeviceSettings(EmulatorSettings):
+    """Parameters of the node."""
+
+    scene: str = Field("flat", description="Where it is: a name, as hung, or an MJCF file")
+
+
 class TwinDeviceNode(DeviceEmulatorNode):
     """The twin as a robot at a cable."""
 
     def __init__(self) -> None:
-        super().__init__(self._make_plant)
+        super().__init__(self._make_plant, TwinDeviceSettings)
 
     def _make_plant(self, robot: RobotParameters) -> TwinPlant:
         self._truth = self.create_publisher(Odometry, "truth/odom", qos.SENSOR)
-        return TwinPlant(robot, on_truth=self._publish_truth)
+        scene = str(self.get_parameter("scene").value)
+        return TwinPlant(robot, scene, on_truth=self._publish_truth)
 
     def _publish_truth(self, state: BaseState) -> None:
         if not self.context.ok():

@@ -19,13 +19,16 @@ def play(
     commands: Annotated[Commands, typer.Option(help="Which commands of a recording.")] = Commands.CONTROL,
     namespace: Annotated[str, typer.Option(help="Namespace of the mouse.")] = "nermo",
     lockstep: Annotated[bool, typer.Option("--lockstep", help="For a graph in stepped mode.")] = False,
-    sim_time: Annotated[bool, typer.Option(help="Follow the twin's /clock.")] = True,
+    sim_time: Annotated[
+        bool | None, typer.Option(help="Follow the twin's /clock; by default, where there is one.")
+    ] = None,
     network: NetworkOption = None,
 ) -> None:
     """Play commands into a running graph (`nermo up`), once.
 
     \b
     nermo play walk.yaml
+    nermo play next_experiment.yaml
     nermo play recordings/today --commands servo --namespace mouse_2
     """
     from nermo_bringup.launch.executables import find_executable
@@ -40,7 +43,9 @@ def play(
         raise CommandError(str(error), status=2) from error
     player = find_executable("nermo_bringup", "command_player")
     use_network(network)
-    values = {"file": str(file.absolute()), "commands": commands.value, "lockstep": lockstep, "use_sim_time": sim_time}
+    values: dict[str, object] = {"file": str(file.absolute()), "commands": commands.value, "lockstep": lockstep}
+    if sim_time is not None:
+        values["use_sim_time"] = sim_time
     # JSON is YAML whose types cannot be mistaken.
     words = [word for name, value in values.items() for word in ("-p", f"{name}:={json.dumps(value)}")]
     os.execv(player, [str(player), "--ros-args", "-r", f"__ns:=/{namespace.strip('/')}", *words])

@@ -32,6 +32,7 @@ PostureName = Literal[
     "lift_rear_right",
 ]
 SECOND = 10**9
+DIRECT = ControlCommand(stamp=0, posture=Posture.DIRECT)
 CONTROL_TOPIC = "control_command"
 SERVO_TOPIC = "servo_command"
 
@@ -76,7 +77,7 @@ class Entry(BaseModel):
 
 
 class CommandFile(BaseModel):
-    """A command file: entries in the order of time, of control commands or of servo positions."""
+    """A command file: entries in the order of time, each of a control command or of servo positions."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -89,12 +90,14 @@ class CommandFile(BaseModel):
         for number, (earlier, later) in enumerate(pairwise(self.commands), start=1):
             if later.at <= earlier.at:
                 raise ValueError(f"commands.{number}.at: {later.at:g} s does not come after {earlier.at:g} s")
-        of_servos = self.commands[0].servos is not None
         for number, entry in enumerate(self.commands):
-            if (entry.servos is not None) != of_servos:
-                raise ValueError(f"commands.{number}: a file holds either control commands or servo positions")
-            if of_servos and len(entry.model_fields_set) > 2:
-                raise ValueError(f"commands.{number}: an entry with servos has no other field than `at`")
+            if entry.servos is not None and (more := entry.model_fields_set - {"at", "servos"}):
+                raise ValueError(
+                    f"commands.{number}: has servos and {', '.join(sorted(more))}; an entry with servos has no other "
+                    "field than `at`"
+                )
+            if entry.servos is not None and not entry.servos:
+                raise ValueError(f"commands.{number}.servos: names no servo")
         if self.duration is not None and self.duration < self.commands[-1].at:
             raise ValueError(f"duration: {self.duration:g} s ends before commands.{len(self.commands) - 1}.at")
         return self
@@ -102,14 +105,16 @@ class CommandFile(BaseModel):
 
 @dataclass(frozen=True)
 class Script:
-    """Commands by time since the start. Exactly one of `controls` and `servos` is there."""
+    """Commands by time since the start."""
 
     times: Sequence[int]
     """[ns] since the start, ascending: when each command begins to hold."""
     duration: int
     """[ns]"""
-    controls: Sequence[ControlCommand] = ()
-    servos: Sequence[ServoPositions] = ()
+    controls: Sequence[ControlCommand]
+    """Where servo positions hold, in the posture DIRECT."""
+    servos: Sequence[ServoPositions | None] = ()
+    """None where they do not hold; empty where they never do."""
 
     def control_at(self, elapsed: int, stamp: int) -> ControlCommand | None:
         """The control command that holds `elapsed` ns after the start, stamped; None outside the script."""
@@ -117,9 +122,14 @@ class Script:
         return None if place is None else replace(self.controls[place], stamp=stamp)
 
     def servos_at(self, elapsed: int) -> ServoPositions | None:
-        """The servo positions that hold `elapsed` ns after the start; None outside the script."""
+        """The servo positions that hold `elapsed` ns after the start; None where there are none."""
         place = self._place(elapsed)
-        return None if place is None else self.servos[place]
+        return None if place is None or not self.servos else self.servos[place]
+
+    def last(self, stamp: int) -> ControlCommand:
+        """The command that stops the mouse when the script is over, stamped; after servo positions it stands."""
+        last = replace(self.controls[-1], stamp=stamp, forward_velocity=0.0, turn_rate=0.0)
+        return replace(last, posture=Posture.STAND) if last.posture is Posture.DIRECT else last
 
     def _place(self, elapsed: int) -> int | None:
         if elapsed > self.duration or elapsed < self.times[0]:
@@ -147,11 +157,19 @@ def file_script(file: CommandFile) -> Script:
     """The script of a command file."""
     times = [round(entry.at * SECOND) for entry in file.commands]
     duration = times[-1] if file.duration is None else round(file.duration * SECOND)
-    if file.commands[0].servos is not None:
-        positions: dict[str, float] = {}
-        return Script(times, duration, servos=[positions := {**positions, **(e.servos or {})} for e in file.commands])
+    controls: list[ControlCommand] = []
+    servos: list[ServoPositions | None] = []
     command = ControlCommand(stamp=0)
-    return Script(times, duration, controls=[command := entry.apply(command) for entry in file.commands])
+    for entry in file.commands:
+        if entry.servos is None:
+            command = entry.apply(command)
+            controls.append(command)
+            servos.append(None)
+        else:
+            before = servos[-1] if servos else None
+            controls.append(DIRECT)
+            servos.append({**(before or {}), **entry.servos})
+    return Script(times, duration, controls, servos if any(servos) else ())
 
 
 def recorded_script(recording: Recording, commands: Literal["control", "servo"]) -> Script:
@@ -167,7 +185,7 @@ def recorded_script(recording: Recording, commands: Literal["control", "servo"])
     try:
         if commands == "control":
             return Script(times, times[-1], controls=[_control(data, int(row)) for row in order])
-        return Script(times, times[-1], servos=[_servos(data, int(row)) for row in order])
+        return Script(times, times[-1], [DIRECT] * len(times), [_servos(data, int(row)) for row in order])
     except ValueError as error:
         raise RecordingError(f"{recording.path}: {topic}: {error}") from None
 

@@ -71,6 +71,19 @@ class Body:
                 warnings.append(f"{self._names[number]}: measured position {position} rad, neutral position assumed")
         self.servos = list(self.targets)
 
+    def within_ranges(self, wanted: Sequence[float | None], warnings: list[str]) -> list[float]:
+        """Servo positions [rad] as far as each servo goes; one that nobody wants anywhere (None) stays as it was told.
+
+        Raises ValueError for a wrong number of them.
+        """
+        found = []
+        for (name, servo), target, told in zip(self._robot.servos.items(), wanted, self.servos, strict=True):
+            here = told if target is None else target
+            found.append(min(max(here, servo.lower), servo.upper))
+            if target is not None and found[-1] != target:
+                warnings.append(f"{name}: target beyond {servo.lower:g} to {servo.upper:g} rad, held to that range")
+        return found
+
     def freeze(self) -> None:
         """The servos are to stay where they were told to be last."""
         self.targets = list(self.servos)

@@ -2,7 +2,8 @@
 
 Holding (servos rest) -> Moving (to another posture, blended in servo space) -> Holding, and from Holding on four feet
 -> Walking -> Settling (swing feet straight down, stance feet stay where they are) -> Holding, and from the stand
--> Lifting (one leg up, for as long as it is asked for, and down again) -> Holding. STOP leads from each to Holding.
+-> Lifting (one leg up, for as long as it is asked for, and down again) -> Holding. From Holding and Moving -> Following
+(the servos do what is told them from outside) -> Moving. STOP leads from each to Holding.
 
 In each tick a state says which one is to follow the goal, at most one step on; that one then acts, and returns the
 state in which it ends.
@@ -20,7 +21,7 @@ from nermo_control.motion.feet import neutral_feet
 from nermo_control.oscillators.legs import OscillatorLegs
 from nermo_control.turning import leg_modulation
 from nermo_control.types import Four, MotionCommand, Posture, SpineModes
-from nermo_description.blend import Blend, smooth
+from nermo_description.blend import Approach, Blend, smooth
 
 ELSEWHERE = Posture.STOP
 """Where a body stands that was stopped on its way: in no posture that has a name."""
@@ -71,6 +72,8 @@ class _Posed(State):
             return self
         if goal is Posture.WALK and self.on_feet:
             return Walking.begin(context)
+        if goal is Posture.DIRECT:
+            return Following.begin(context)
         target = Posture.STAND if goal in (Posture.WALK, Posture.STILL, *LIFTED_LEG) else goal
         return self if target is self.posture else Moving.begin(context, target, self.at)
 
@@ -128,6 +131,36 @@ class Moving(_Posed):
         context.body.targets = self._blend.at(context.tick.stamp)
         if self._blend.done(context.tick.stamp):
             return Holding.begin(context, self.posture).step(context)
+        return self
+
+
+class Following(_Posed):
+    """The servos go where they are told from outside, as far as they go; the feet count as standing."""
+
+    def __init__(self, approach: Approach) -> None:
+        super().__init__(Posture.DIRECT, ELSEWHERE)
+        self._approach = approach
+
+    @classmethod
+    def begin(cls, context: MotionContext) -> Following:
+        """From where the servos are; what is far from there is approached at the velocity of a change of posture."""
+        context.feet.stand()
+        context.feet.x, context.feet.z = neutral_feet(context.parameters)
+        context.body.freeze()
+        return cls(Approach(context.body.servos, context.config.posture_velocity, context.tick.stamp))
+
+    def next(self, context: MotionContext, goal: Posture | None) -> State:
+        # As a walk without any command that is valid any more.
+        return super().next(context, Posture.STAND if goal is None else goal)
+
+    def towards(self, context: MotionContext, goal: Posture) -> State:
+        return self if goal is Posture.DIRECT else super().towards(context, goal)
+
+    def step(self, context: MotionContext) -> State:
+        told = context.tick.targets
+        assert told is not None, "following nobody"
+        wanted = context.body.within_ranges(told.positions, context.tick.warnings)
+        context.body.targets = self._approach.at(context.tick.stamp, wanted)
         return self
 
 

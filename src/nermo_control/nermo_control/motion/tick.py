@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from nermo_control.types import Imu, LegLoads, MotionCommand
+from nermo_control.types import Imu, LegLoads, MotionCommand, ServoTargets
 
 
 @dataclass(slots=True)
@@ -16,6 +16,8 @@ class Tick:
     imu: Imu | None = None
     loads: LegLoads | None = None
     """The newest."""
+    targets: ServoTargets | None = None
+    """The newest; whether they still count is the goal's business."""
     command: MotionCommand | None = None
     """The last valid one."""
     warnings: list[str] = field(default_factory=list)

@@ -142,10 +142,33 @@ class ServoArrays:
         """[c], from positions [rad] in the robot's order."""
         return msg.ServoCommand(header=header(stamp), name=self.names, position=positions)
 
-    def _find_order(self, names: Sequence[str]) -> list[int]:
+    def targets(self, message: msg.ServoCommand) -> types.ServoTargets:
+        """`servo_targets`; servos that are not named stay where they are.
+
+        Raises UnusableMessageError for unknown or repeated names, a wrong length, and positions that are not finite.
+        """
+        names, values = message.name, message.position
+        if len(names) != len(values):
+            raise UnusableMessageError(f"{len(names)} servo names but {len(values)} positions")
+        by_name = dict(zip(names, values, strict=True))
+        if len(by_name) != len(names):
+            raise UnusableMessageError(f"a servo is named twice: {', '.join(names)}")
+        if not by_name:
+            raise UnusableMessageError("no servo is named")
+        self._refuse_unknown(names)
+        for name, position in by_name.items():
+            if not math.isfinite(position):
+                raise UnusableMessageError(f"position of {name} is {position} rad: must be finite")
+        positions = tuple(by_name.get(name) for name in self.names)
+        return types.ServoTargets(to_nanoseconds(message.header.stamp), positions)
+
+    def _refuse_unknown(self, names: Sequence[str]) -> None:
         unknown = sorted(set(names) - set(self.names))
         if unknown:
             raise UnusableMessageError(f"unknown servo {', '.join(unknown)}: the robot has {', '.join(self.names)}")
+
+    def _find_order(self, names: Sequence[str]) -> list[int]:
+        self._refuse_unknown(names)
         missing = [name for name in self.names if name not in names]
         if missing:
             raise UnusableMessageError(f"servo {', '.join(missing)} missing")

@@ -1,5 +1,5 @@
-"""Node `motion_module`: motion_command [b], gait_parameters, foot_trajectories, leg_loads, servo_states [d] ->
-servo_command [c], leg_states.
+"""Node `motion_module`: motion_command [b], servo_targets, gait_parameters, foot_trajectories, leg_loads,
+servo_states [d] -> servo_command [c], leg_states.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from nermo_control.motion_module import MotionModule
 from nermo_control.nodes import conversions
 from nermo_control.nodes.gait_parameters import GaitParametersInput
 from nermo_control.nodes.robot import RobotChoice
-from nermo_control.types import Imu, LegLoads, MotionCommand, MotionOutput
+from nermo_control.types import Imu, LegLoads, MotionCommand, MotionOutput, Posture, ServoTargets
 from nermo_interfaces import msg
 from nermo_node import qos, run
 from nermo_node.command_input import CommandInput
@@ -46,7 +46,7 @@ class MotionModuleNode(Node):
     """Ticks with each servo_states, on the newest command, IMU and, with the coordination `tegotae`, leg loads.
 
     In lockstep it ticks once the command of the same tick and the trajectories that it asked for are there too, and the
-    IMU of the same tick if it began with the gaze mode `imu`.
+    IMU of the same tick if it began with the gaze mode `imu`, and the servo targets where they are to be followed.
     """
 
     def __init__(self) -> None:
@@ -59,6 +59,7 @@ class MotionModuleNode(Node):
         self._stamp: int | None = None
         self._imu: Imu | None = None
         self._loads: LegLoads | None = None
+        self._targets: ServoTargets | None = None
         self._lockstep = parameters.lockstep
         self._inputs = ("servos", "command", "imu") if parameters.gaze == "imu" else ("servos", "command")
         self._tick = TickSynchronizer(self._inputs, self._on_tick)
@@ -75,13 +76,11 @@ class MotionModuleNode(Node):
         GaitParametersInput(self, self._refused, self._on_gait_parameters, self._on_knowledge_base_alive)
         inputs, sensor = Inputs(self, self._refused.add_one), qos.sensor_input(parameters.lockstep)
         inputs.subscribe(msg.FootTrajectories, "foot_trajectories", self._on_foot_trajectories, qos.EVENT)
-        self._commands = CommandInput(
-            self,
-            self._refused.add_one,
-            self._time,
-            oldest=None if parameters.lockstep else parameters.silence_timeout,
-        )
+        oldest = None if parameters.lockstep else parameters.silence_timeout
+        self._commands = CommandInput(self, self._refused.add_one, self._time, oldest)
         self._commands.subscribe(msg.MotionCommand, "motion_command", self._on_motion_command)
+        self._players = CommandInput(self, self._refused.add_one, self._time, oldest)
+        self._players.subscribe(msg.ServoCommand, "servo_targets", self._on_servo_targets)
         inputs.subscribe(msg.ServoStates, "servo_states", self._on_servo_states, sensor)
         inputs.subscribe(ImuMessage, "imu/data_raw", self._on_imu, sensor)
         if parameters.coordination == "tegotae":
@@ -92,6 +91,7 @@ class MotionModuleNode(Node):
             {
                 "state": self._state,
                 "owner": self._commands.status,
+                "owner of servo_targets": self._players.status,
                 "messages": self._refused.status,
                 "limits": self._clamped.status,
             },
@@ -145,6 +145,10 @@ class MotionModuleNode(Node):
         if self._lockstep:
             self._tick.add("command", command.stamp, command)
 
+    def _on_servo_targets(self, message: msg.ServoCommand) -> None:
+        self._targets = self._servos.targets(message)
+        self._step_if_ready()
+
     def _on_servo_states(self, message: msg.ServoStates) -> None:
         positions = self._servos.positions(message)
         self._stamp = stamp = to_nanoseconds(message.header.stamp)
@@ -164,14 +168,18 @@ class MotionModuleNode(Node):
     def _step_if_ready(self) -> None:
         if self._waiting is None or self._asked is not None:
             return
-        (stamp, inputs), self._waiting = self._waiting, None
+        (stamp, inputs) = self._waiting
+        direct = inputs["command"].posture is Posture.DIRECT
+        if direct and (self._targets is None or self._targets.stamp != stamp):
+            return
+        self._waiting = None
         self._imu = inputs.get("imu")
         self._step(stamp, inputs["command"], inputs["servos"])
 
     def _step(self, stamp: int, command: MotionCommand | None, positions: list[float]) -> None:
         if self._module is None:
             return
-        output = self._module.step(stamp, command, positions, self._imu, self._loads)
+        output = self._module.step(stamp, command, positions, self._imu, self._loads, self._targets)
         self._servo_commands.publish(self._servos.command(stamp, output.servo_positions))
         self._publish_leg_states(output)
         self._clamped.add(output.warnings)

@@ -10,12 +10,13 @@ import numpy as np
 
 from nermo_description.model import build_model
 from nermo_description.parameters import RobotParameters
+from nermo_description.stand import Stand
 from nermo_gap.protocol.looks import looker
 from nermo_gap.protocol.pieces import Protocol
 from nermo_gap.protocol.play import Body, play
+from nermo_gap.protocol.scene import setup_of
 from nermo_gap.robots.channels import Channels, resolution
 from nermo_gap.robots.diagnosis import options_for, placed, robot_plant, warm_up_of
-from nermo_gap.robots.stand import Stand
 from simgap.data.align import align
 from simgap.data.errors import GapInputError
 from simgap.data.noise_floor import noise_floor
@@ -61,7 +62,7 @@ def detectable(robot: RobotParameters, protocol: Protocol, channels: Channels, s
     """
     stand, body, random = Stand(), Body.twin(robot, channels.markers), np.random.default_rng(seed)
     rest = stand.rest(build_model(robot))
-    hung, tables = stand.setup(rest), []
+    hung, tables = setup_of(stand, rest), []
     looks: dict[float, tuple[float, ...]] = {}
     pieces: list[tuple[str, float, float]] = []
     for segment in protocol.segments:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_description.parameters import RobotParameters
-from nermo_gap.protocol.scene import TABLE_FILE, SceneFile, StandRow
+from nermo_gap.protocol.scene import BAG_FOLDER, TABLE_FILE, SceneFile, StandRow
 from nermo_gap.robots.mcap_table import mcap_table
 from simgap.data.recording import load_table
 from simgap.data.setup import Setup
@@ -63,8 +63,10 @@ def read(paths: Sequence[Path], scenes: Sequence[SceneFile | None], robot: Robot
 
 def _table(path: Path, scene: SceneFile | None, robot: RobotParameters) -> dict[str, Array]:
     """A recording's columns; of a protocol's segment, with the number of the piece as its run."""
-    file = path / TABLE_FILE if (path / TABLE_FILE).is_file() else path
-    table = mcap_table(file, robot) if is_mcap(file) else load_table(file)
+    parts = (path / TABLE_FILE, *([] if scene is None else [path / BAG_FOLDER]))
+    file = next((part for part in parts if part.exists()), path)
+    begun = None if scene is None else scene.begun
+    table = mcap_table(file, robot, begun) if is_mcap(file) else load_table(file)
     if scene is not None:
         run = scene.pieces_at(table["t"])
         table = {name: values[np.isfinite(run)] for name, values in table.items()}

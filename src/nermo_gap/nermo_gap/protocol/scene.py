@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +10,20 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from nermo_description.parameter_files import ParameterError, read_yaml
+from nermo_description.stand import Stand
+from nermo_gap.protocol.conduct import Played
 from nermo_gap.protocol.pieces import Protocol, Scene, Segment
-from nermo_gap.robots.stand import Stand
 from simgap.data.errors import GapInputError
 from simgap.data.setup import Setup
 
 Array = NDArray[np.float64]
 
-SCENE_FILE, TABLE_FILE = "scene.yaml", "recording.npz"
+SCENE_FILE, TABLE_FILE, BAG_FOLDER = "scene.yaml", "recording.npz", "recording"
+
+
+def setup_of(stand: Stand, rest: Array) -> Setup:
+    """A stand as runs of a diagnosis have it; ``rest`` (7,) is its spring's."""
+    return Setup("hung in the stand", (lambda model: stand.enter(model, rest),))
 
 
 class StandRow(BaseModel):
@@ -33,7 +40,8 @@ class StandRow(BaseModel):
 
     def setup(self) -> Setup:
         """The stand as runs of a diagnosis have it."""
-        return Stand(self.height, self.stiffness, self.damping, self.turning_damping).setup(np.array(self.rest))
+        stand = Stand(self.height, self.stiffness, self.damping, self.turning_damping)
+        return setup_of(stand, np.array(self.rest))
 
 
 class PieceRow(BaseModel):
@@ -58,15 +66,27 @@ class SceneFile(BaseModel):
     robot: str
     scene: Scene
     stand: StandRow | None = None
+    begun: int | None = None
+    """[ns] Stamp of the first command, of a recording of the graph; other tables count from it themselves."""
     pieces: tuple[PieceRow, ...]
 
     @classmethod
-    def of(cls, protocol: Protocol, segment: Segment, robot: str, stand: Stand, rest: Array) -> SceneFile:
-        """Of a segment that is about to be recorded."""
-        spans = segment.spans()
-        pieces = tuple(
-            PieceRow(name=p.name, begin=spans[p.name][0], end=spans[p.name][1], looks=p.looks) for p in segment.pieces
-        )
+    def of(
+        cls,
+        protocol: Protocol,
+        segment: Segment,
+        robot: str,
+        stand: Stand,
+        rest: Array,
+        played: Sequence[Played] | None = None,
+    ) -> SceneFile:
+        """Of a segment: all of its pieces one after the other, or those that were ``played``, when they were."""
+        begun = None if played is None else played[0].begin
+        if played is None:
+            spans = [(piece, *segment.spans()[piece.name]) for piece in segment.pieces]
+        else:
+            spans = [(p.piece, (p.begin - played[0].begin) * 1e-9, (p.end - played[0].begin) * 1e-9) for p in played]
+        pieces = tuple(PieceRow(name=p.name, begin=begin, end=end, looks=p.looks) for p, begin, end in spans)
         row = None
         if segment.scene == "hung":
             row = StandRow(
@@ -82,6 +102,7 @@ class SceneFile(BaseModel):
             robot=robot,
             scene=segment.scene,
             stand=row,
+            begun=begun,
             pieces=pieces,
         )
 

@@ -122,4 +122,7 @@ def _commands(report: Report, folder: str, recordings: list[str]) -> list[str]:
             f"nermo gap apply {folder}/diagnosis.json --out my_robot.yaml",
             again,
         ]
-    return [again, f"nermo gap diagnose {told} NEW_RECORDINGS"]
+    together = f"nermo gap diagnose {told} NEW_RECORDINGS"
+    if report.get("next_experiment"):
+        return ["nermo up --record NEW_RECORDINGS", f"nermo play {folder}/next_experiment.yaml", together]
+    return [again, together]

@@ -48,22 +48,23 @@ def recorded_robot(path: Path) -> str | None:
     return None
 
 
-def mcap_table(path: Path, robot: RobotParameters) -> dict[str, Array]:
+def mcap_table(path: Path, robot: RobotParameters, begun: int | None = None) -> dict[str, Array]:
     """Columns of a recording on the stamps of its servo commands; NaN where a channel has no sample there.
 
-    Time is the headers' ROS time, counted from the first command. Messages arrive in any order.
+    Time is the headers' ROS time, counted from the stamp ``begun`` [ns], else from the first command. Messages arrive
+    in any order.
 
     Raises:
         GapInputError: the recording cannot be read, commands no servo of this robot, or measures nothing.
     """
     try:
         recording = Recording(path)
-        return _table(recording, robot)
+        return _table(recording, robot, begun)
     except RecordingError as error:
         raise GapInputError(str(error)) from error
 
 
-def _table(recording: Recording, robot: RobotParameters) -> dict[str, Array]:
+def _table(recording: Recording, robot: RobotParameters, begun: int | None) -> dict[str, Array]:
     topics = {name: _topic(recording, name) for name in ("servo_command", "servo_states", "joint_states", "leg_states")}
     topics["imu"] = _topic(recording, "imu/data_raw")
     topics["tracker"] = next((t for t in (_topic(recording, n) for n in TRACKERS) if t is not None), None)
@@ -74,7 +75,7 @@ def _table(recording: Recording, robot: RobotParameters) -> dict[str, Array]:
         raise GapInputError(f"{recording.path}: nothing measured is recorded (servo_states, imu/data_raw, truth/odom)")
     _check_names(recording, commands, robot)
     stamps = np.unique(commands.stamp)
-    table: dict[str, Array] = {"t": (stamps - stamps[0]) * 1e-9}
+    table: dict[str, Array] = {"t": (stamps - (stamps[0] if begun is None else begun)) * 1e-9}
 
     def put(topic: TopicData, names: list[str], values: Array) -> None:
         rows, found = _rows(stamps, topic.stamp)

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 LENGTH = 5.0
 """[s] of an experiment after settling."""
+STAND_FIRST = 2.0
+"""[s] of the stand at a file's beginning: a crouched mouse is up by then."""
 EVERY = 0.02
 """[s] between two entries of a command file."""
 TROTS = (("slowly", 0.06, 0.7), ("quickly", 0.06, 1.3))
@@ -109,17 +111,18 @@ class MouseMenu:
         return Experiment(name, what, period, inputs)
 
     def write(self, experiment: Experiment, plant: Plant, stem: Path) -> Path:
-        """Write a command file for `nermo play`."""
+        """Write a command file for `nermo play`; the mouse comes to a stand first."""
         path = stem.with_suffix(".yaml")
         path.parent.mkdir(parents=True, exist_ok=True)
         stride = max(round(EVERY / experiment.period), 1)
         names = [c.name for c in plant.inputs]
         commands = [
             {
-                "at": round(k * experiment.period, 4),
+                "at": round(STAND_FIRST + k * experiment.period, 4),
                 "servos": {n: round(float(v), 5) for n, v in zip(names, row, strict=True)},
             }
             for k, row in list(enumerate(experiment.inputs))[::stride]
         ]
-        write_yaml({"description": experiment.description, "commands": commands}, path)
+        stand = {"at": 0.0, "posture": "stand"}
+        write_yaml({"description": experiment.description, "commands": [stand, *commands]}, path)
         return path

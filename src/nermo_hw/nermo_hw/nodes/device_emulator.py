@@ -16,12 +16,12 @@ from nermo_node.run import run
 
 
 class DeviceEmulatorNode(Node):
-    """Runs an emulator in a thread. `plant` makes what its servos move."""
+    """Runs an emulator in a thread. `plant` makes what its servos move; `kind` has its parameters."""
 
-    def __init__(self, plant: PlantFactory = ServoPlant) -> None:
+    def __init__(self, plant: PlantFactory = ServoPlant, kind: type[EmulatorSettings] = EmulatorSettings) -> None:
         super().__init__("device_emulator")
         self._thread: threading.Thread | None = None
-        settings = declare(self, EmulatorSettings)
+        settings = declare(self, kind)
         try:
             self._emulator = make_emulator(settings, plant)
         except ValueError as error:

@@ -8,8 +8,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.data.setup import Setup
-
 Array = NDArray[np.float64]
 
 
@@ -58,6 +56,8 @@ class Stand:
         """(7,) Where the mouse is put to begin with."""
         return np.array([0.0, 0.0, self.height, 1.0, 0.0, 0.0, 0.0])
 
-    def setup(self, rest: Array) -> Setup:
-        """The stand as runs of a diagnosis have it."""
-        return Setup("hung in the stand", (lambda model: self.enter(model, rest),))
+    def hang(self, model: mujoco.MjModel) -> None:
+        """Put the mouse into the stand and all its keyframes with it, in place: the scene `hung`."""
+        joint = int(model.joint("root").qposadr[0])
+        self.enter(model, self.rest(model))
+        model.key_qpos[:, joint : joint + 7] = self.pose()

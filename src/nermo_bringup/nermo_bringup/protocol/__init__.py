@@ -1,0 +1,1 @@
+"""The protocol of a gap diagnosis, played through the graph and recorded."""
