@@ -32,7 +32,7 @@ SERVO_BOARDS: dict[int, tuple[str | None, ...]] = {
     4: ("rear_right_hip", "rear_right_knee", "tail", None),
 }
 """ID of each servo board: its servos. One a leg, with its knee encoder and tactile cells; in the order of LEGS."""
-CELLS = ("piezoresistive", "piezoelectric")
+TACTILE_CHANNELS = ("piezoresistive", "piezoelectric")
 """Cell of the foot on each tactile channel of a servo board."""
 LEG_OF_BOARD = dict(zip(SERVO_BOARDS, LEGS, strict=True))
 BODY_BOARD = (int(DeviceClass.BODY_BOARD), 1)
@@ -201,7 +201,7 @@ ACKNOWLEDGE = 0x20
 """Latched faults are forgotten."""
 
 _SERVO_REQUEST = struct.Struct("<BB4h")
-_SERVO_ANSWER = struct.Struct(f"<BBHI4h4h4Hh{len(CELLS)}h")
+_SERVO_ANSWER = struct.Struct(f"<BBHI4h4h4Hh{len(TACTILE_CHANNELS)}h")
 _BODY_REQUEST = struct.Struct("<BB")
 _BODY_ANSWER = struct.Struct("<BBHI4h3h3hHH")
 
@@ -248,7 +248,7 @@ class ServoAnswer:
     currents: Array
     knee_angle: float
     cells: Array
-    """[V], one of each of CELLS"""
+    """[V], one of each of TACTILE_CHANNELS"""
 
     def encode(self) -> bytes:
         """The payload; values beyond what their field holds become the nearest."""
