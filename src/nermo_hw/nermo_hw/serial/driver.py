@@ -28,6 +28,9 @@ from nermo_hw.types import (
     SilentLineError,
 )
 
+REPLY_TIMEOUT = 0.02
+"""How long the device may take to answer [s]: far longer than it needs, and a tick that is late is no danger."""
+
 
 @dataclass(slots=True)
 class _Channel:
@@ -56,7 +59,7 @@ class Driver:
         *,
         calibration: Calibration | None = None,
         point_period: float = 0.005,
-        reply_timeout: float = 0.02,
+        reply_timeout: float = REPLY_TIMEOUT,
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
         period_ms = point_period * 1e3
