@@ -92,7 +92,7 @@ class RobotEnd:
         self._line, self._open = line, False
         self._reopen_at = 0.0
         self._supervisor = SafetySupervisor(robot, self._settings.safety, now=self._clock())
-        self._messages = SensorMessages(list(robot.servos))
+        self._messages = SensorMessages(robot)
         self._lock = threading.Lock()
         """Guards supervisor and line against the link's threads."""
         self.link = LinkEnd(
