@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from simgap.data.align import Aligned
 from simgap.data.plant import Plant, euler_angles
 from simgap.simulation.drive import Drive, Follow
-from simgap.simulation.servo_step import LoadFriction, ServoStep, Switch, needs_friction_step
+from simgap.simulation.extra_laws import LoadFriction, ServoStep, Switch, needs_friction_step
 from simgap.simulation.signal_path import inverse_outputs, shape_inputs
 from simgap.simulation.state import MeasuredState, measured_state
 from simgap.simulation.variant import InputPath, OutputPath, Variant
