@@ -78,6 +78,20 @@ def test_two_mice_share_a_graph():
     assert dict(twin.parameters)["publish_clock"] is False
 
 
+@pytest.mark.parametrize(
+    ("given", "include", "exclude"),
+    [
+        ({}, "*", ""),
+        ({"record_include": "/nermo/odom /nermo/servo_*"}, "/nermo/odom /nermo/servo_*", ""),
+        ({"record_exclude": "*/truth/*"}, "*", "*/truth/*"),
+    ],
+)
+def test_the_recorder_gets_the_patterns_of_its_topics(given, include, exclude):
+    (recorder,) = (node for node in load(FILE, {"record": "x", **given}).nodes if node.name == "recorder")
+    parameters = dict(recorder.parameters)
+    assert (parameters["include"], parameters["exclude"]) == (include, exclude)
+
+
 def test_arguments_are_listed_with_their_meaning():
     arguments = {argument.name: argument for argument in load_arguments(FILE)}
     assert arguments["target"].choices == ("sim", "serial", "link")

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from pydantic import BaseModel, ConfigDict, Field
 
 from nermo_control.gait.foot_locus import Point, locus_curves
-from nermo_control.gait.knowledge_base import GaitDefinition
+from nermo_control.gait.gaits import GaitDefinition
 from nermo_control.legs.aslp import AslpLeg, AslpSprings
-from nermo_control.oscillators.gaits import CPG_GAITS
 from nermo_control.oscillators.legs import OscillatorLegs, OscillatorSettings
+from nermo_control.pantograph_gaits import PANTOGRAPH_GAITS
 from nermo_control.types import ControlCommand, Imu, LegLoads, LegStates, MotionOutput, Odometry, Phase, Posture
 from nermo_description.blend import smooth
 from nermo_description.pantograph import PantographLeg, PantographParameters
@@ -97,7 +97,7 @@ class PantographGait(_Frozen):
 class PantographController:
     """Oscillators -> foot locus -> inverse kinematics -> servos, once a control tick; postures are blended in.
 
-    A command's `gait` is `trot` or one of CPG_GAITS; its `gait_frequency` is the excitation, and its
+    A command's `gait` is one of PANTOGRAPH_GAITS; its `gait_frequency` is the excitation, and its
     `forward_velocity` v sets the step length L = v d / f.
     """
 
@@ -172,11 +172,10 @@ class PantographController:
 
     def _definition(self, command: ControlCommand) -> GaitDefinition:
         duty = self._gait.duty_factor
-        if command.gait in ("", "trot"):
-            return GaitDefinition(duty_factor=duty, phase_offsets=(0.5, 0.0, 0.0, 0.5))
-        if command.gait not in CPG_GAITS:
-            raise ValueError(f"gait {command.gait!r} is unknown: choose one of trot, {', '.join(CPG_GAITS)}")
-        return GaitDefinition(duty_factor=duty, phase_offsets=CPG_GAITS[command.gait].phase_offsets)
+        name = command.gait or next(iter(PANTOGRAPH_GAITS))
+        if name not in PANTOGRAPH_GAITS:
+            raise ValueError(f"gait {name!r} is unknown: choose one of {', '.join(PANTOGRAPH_GAITS)}")
+        return GaitDefinition(duty_factor=duty, phase_offsets=PANTOGRAPH_GAITS[name].phase_offsets)
 
     def _walk(
         self, stamp: int, command: ControlCommand, loads: LegLoads | None, warnings: list[str]

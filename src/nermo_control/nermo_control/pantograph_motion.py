@@ -13,9 +13,9 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from nermo_control.inbox import Inbox
-from nermo_control.oscillators.gaits import CPG_GAITS
 from nermo_control.oscillators.legs import OscillatorSettings
 from nermo_control.pantograph_controller import PantographController, PantographGait
+from nermo_control.pantograph_gaits import PANTOGRAPH_GAITS
 from nermo_control.types import ControlCommand, LegLoads, MotionOutput, Posture
 from nermo_description import ranges
 from nermo_description.pantograph import PantographParameters
@@ -27,7 +27,7 @@ SLOWEST, FASTEST = 0.1, 5.0
 LONGEST_STEP = 0.13
 """Of a command [m]: the largest that gaits were looked for with."""
 _POSTURES = (Posture.WALK, Posture.STAND, Posture.SIT, Posture.CROUCH, Posture.STOP, Posture.STILL)
-_GAITS = ("", "trot", *CPG_GAITS)
+_GAITS = ("", *PANTOGRAPH_GAITS)
 
 
 class SavedGait(BaseModel):

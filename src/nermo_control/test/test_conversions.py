@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from nav_msgs.msg import Path as PathMessage
 from rclpy.serialization import deserialize_message, serialize_message
 
-from nermo_control.gait.knowledge_base import GaitDefinition, GaitParameters, LegStride
+from nermo_control.gait.gaits import GaitDefinition
+from nermo_control.gait.knowledge_base import GaitParameters, LegStride
 from nermo_control.nodes import conversions as convert
 from nermo_control.types import (
     SPINE_FUNCTIONS,

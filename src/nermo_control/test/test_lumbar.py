@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nermo_control.gait.knowledge_base import GaitDefinition, GaitParameters
+from nermo_control.gait.gaits import GaitDefinition
+from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.gait.phase import legs_at
 from nermo_control.spine.controller import SpineController
 from nermo_control.spine.kinematics import SpineKinematics

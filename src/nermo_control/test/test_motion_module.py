@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nermo_control.gait.knowledge_base import GaitDefinition, GaitParameters, LegStride
+from nermo_control.gait.gaits import GaitDefinition
+from nermo_control.gait.knowledge_base import GaitParameters, LegStride
 from nermo_control.gait.trajectory import TrajectoryGenerator
 from nermo_control.legs.kinematics import LegKinematics
 from nermo_control.lift import KNEE_COMPRESSION, LIFT_DURATION, LIFTED_LEG, SHIFT_DURATION

@@ -9,18 +9,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nermo_control.gait.knowledge_base import GaitDefinition, GaitParameters
+from nermo_control.gait.gaits import GaitDefinition
+from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.gait.phase import LegStateMachine
 from nermo_control.oscillators import tegotae
 from nermo_control.oscillators.cpg import CoupledOscillators, phase_differences
-from nermo_control.oscillators.gaits import CPG_GAITS
 from nermo_control.oscillators.legs import OscillatorLegs, OscillatorSettings
 from nermo_control.oscillators.phase import TWO_PI
+from nermo_control.pantograph_gaits import PANTOGRAPH_GAITS
 from nermo_control.types import Phase
 
 TICK = 5_000_000
 WEIGHT = 2.7
-GAITS = {**GaitParameters().gaits, **CPG_GAITS}
+GAITS = {**GaitParameters().gaits, **PANTOGRAPH_GAITS}
 phases = st.floats(-math.pi, math.pi)
 
 

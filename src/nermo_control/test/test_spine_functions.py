@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from thesis_robot import FRONT_COM, FRONT_MASS, HIP_POSITIONS, NEUTRAL_FEET, REAR_COM, REAR_MASS, SPINE
 
-from nermo_control.gait.knowledge_base import GaitDefinition, GaitParameters
+from nermo_control.gait.gaits import GaitDefinition
+from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.gait.phase import legs_at
 from nermo_control.spine.balance import BalanceCompensation, CentreOfMass, stability_distance
 from nermo_control.spine.kinematics import SpineKinematics

@@ -17,6 +17,7 @@ from rich.table import Table
 
 from nermo_description.parameters import RobotParameters
 from nermo_description.results import CommandError, write_results
+from nermo_hw.link.transports import TRANSPORTS, words
 
 # Files and pipes have no width; the tables need one.
 _console = Console(width=None if sys.stdout.isatty() else 160)
@@ -317,7 +318,10 @@ def release(
     print("released")
 
 
-Transport = Annotated[str, typer.Option(help="quic (encrypted datagrams), tls, udp or tcp.")]
+Transport = Annotated[
+    str,
+    typer.Option(help=f"What carries the link: {', '.join(TRANSPORTS)}; {' and '.join(words(encrypts=True))} encrypt."),
+]
 
 
 @bench_app.command("link")
@@ -388,8 +392,8 @@ def _network_errors(transport: str) -> Iterator[None]:
     from nermo_hw.bench.json_lines import WordError
     from nermo_hw.bench.network import NoNamespacesError
 
-    if transport not in ("quic", "tls", "udp", "tcp"):
-        raise CommandError(f"--transport {transport} is not one of: quic, tls, udp, tcp.", status=2)
+    if transport not in TRANSPORTS:
+        raise CommandError(f"--transport {transport} is not one of: {', '.join(TRANSPORTS)}.", status=2)
     try:
         yield
     except NoNamespacesError as error:

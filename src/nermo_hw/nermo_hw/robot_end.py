@@ -36,8 +36,6 @@ from nermo_hw.serial.calibration import load_calibration
 from nermo_hw.serial.driver import Driver
 from nermo_hw.types import LineError, LineLostError, SensorSample, ServoTargets, SilentLineError
 
-REPLY_TIMEOUT = 0.02
-"""How long the device may take to answer [s]: far longer than it needs, and a tick that is late is no danger."""
 REOPEN_PERIOD = 0.5
 """Between two attempts to open the line [s]."""
 RELEASE_PATIENCE = 1.5
@@ -94,7 +92,7 @@ class RobotEnd:
         self._line, self._open = line, False
         self._reopen_at = 0.0
         self._supervisor = SafetySupervisor(robot, self._settings.safety, now=self._clock())
-        self._messages = SensorMessages(list(robot.servos))
+        self._messages = SensorMessages(robot)
         self._lock = threading.Lock()
         """Guards supervisor and line against the link's threads."""
         self.link = LinkEnd(
@@ -306,7 +304,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options.port,
         calibration=calibration,
         point_period=period,
-        reply_timeout=REPLY_TIMEOUT,
         clock=clock,
     )
     end = RobotEnd(robot, link, line, settings, clock, options.log, release=options.release)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nermo_description.robots import load_robot
-from nermo_hw.sbcp.boards import CELLS
+from nermo_hw.sbcp.boards import TACTILE_CHANNELS
 from nermo_hw.types import Fault, SensorSample
 
 ROBOT = load_robot("nermo_lite")
@@ -21,7 +21,7 @@ SAMPLE = SensorSample(
     servo_velocities=np.zeros(len(SERVOS)),
     servo_currents=np.full(len(SERVOS), 0.1),
     knee_angles=np.zeros(4),
-    cells={cell: np.zeros(4) for cell in CELLS},
+    cells={cell: np.zeros(4) for cell in TACTILE_CHANNELS},
     orientation=np.array([1.0, 0.0, 0.0, 0.0]),
     angular_velocity=np.zeros(3),
     linear_acceleration=np.array([0.0, 0.0, 9.81]),

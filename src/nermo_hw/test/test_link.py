@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,12 +14,12 @@ from link_door import Door, Intruder, config, free_port
 from nermo_description.parameter_files import ParameterError
 from nermo_hw.link import stamp
 from nermo_hw.link.clock import LinkClock, SteadyClock
-from nermo_hw.link.config import DEFAULT, ENCRYPTED, PLAIN, LinkConfig, Side, Topic, load_link
+from nermo_hw.link.config import DEFAULT, LinkConfig, Side, Topic, load_link
 from nermo_hw.link.end import LinkEnd
 from nermo_hw.link.keys import KeysError, make_keys
 from nermo_hw.link.messages import decode_command, encode_command
 from nermo_hw.link.transport import LinkError
-from nermo_hw.link.transports import TRANSPORTS
+from nermo_hw.link.transports import TRANSPORTS, transport_at, words
 
 PATIENCE_S = 60.0
 MS = 1_000_000
@@ -236,4 +238,11 @@ def test_keys_and_topics_are_those_of_the_official_bridge() -> None:
 
 
 def test_every_endpoint_that_a_link_may_have_is_carried() -> None:
-    assert set(TRANSPORTS) == {*ENCRYPTED, *PLAIN}
+    assert {*words(encrypts=True), *words(encrypts=False)} == set(TRANSPORTS)
+    for word in TRANSPORTS:
+        assert callable(transport_at(f"{word}/127.0.0.1:1"))
+
+
+def test_a_transport_is_imported_where_it_is_used() -> None:
+    code = "import sys, nermo_hw.link.end; assert 'zenoh' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -63,7 +63,7 @@ def simulate(
     nermo sensors simulate run1.csv --seed 1
     """
     from nermo_sensors.bench.rig import Rig
-    from nermo_sensors.models.piezoresistive import PiezoresistiveParameters
+    from nermo_sensors.cells.piezoresistive import PiezoresistiveParameters
     from nermo_sensors.parameters import load_tactile
 
     with _told():

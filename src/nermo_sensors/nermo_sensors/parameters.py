@@ -6,13 +6,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from nermo_description.parameter_files import ParameterError, merged, read_yaml, validate
 from nermo_description.parameters import Finite, NonNegative, Parameters, Positive
-from nermo_sensors.models.cell import CellParameters
-from nermo_sensors.models.piezoelectric import PiezoelectricParameters
-from nermo_sensors.models.piezoresistive import PiezoresistiveParameters
+from nermo_sensors.cells import Cells
+from nermo_sensors.cells.cell import CellParameters
 
 __all__ = ["ParameterError", "load_tactile", "tactile_names"]
 
@@ -44,7 +43,7 @@ class PairCalibration(Parameters):
 
 
 class MemoryCalibration(Parameters):
-    """The piezoresistive cell with its memory, for the memory filter; symbols as in `models`."""
+    """The piezoresistive cell with its memory, for the memory filter; symbols as in `cells`."""
 
     sensitivity: Positive
     base_conductance: Finite
@@ -157,25 +156,6 @@ class Noises(Parameters):
     f1: RateNoise
     f2: AccelerationNoise
     memory: MemoryNoise
-
-
-class Cells(Parameters):
-    """The cells of a foot: every kind that there is, of which a robot has those that its file says. In their order."""
-
-    piezoresistive: PiezoresistiveParameters | None = None
-    piezoelectric: PiezoelectricParameters | None = None
-
-    @model_validator(mode="after")
-    def _some(self) -> Cells:
-        if not self.present:
-            raise ValueError(f"there is none; known are {', '.join(type(self).model_fields)}")
-        return self
-
-    @property
-    def present(self) -> dict[str, CellParameters]:
-        """Those that the robot has, by name."""
-        cells = {name: getattr(self, name) for name in type(self).model_fields}
-        return {name: cell for name, cell in cells.items() if cell is not None}
 
 
 class TactileParameters(Parameters):

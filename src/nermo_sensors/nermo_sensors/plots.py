@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from nermo_sensors.bench.table import BenchRecording
+from nermo_sensors.cells.piezoresistive import Sigmoid, SigmoidPair
 from nermo_sensors.identification.fit import Fit
 from nermo_sensors.identification.piezoresistive import force_rate
-from nermo_sensors.models.piezoresistive import Sigmoid, SigmoidPair
 from nermo_sensors.parameters import TactileParameters
 
 Array = NDArray[np.float64]

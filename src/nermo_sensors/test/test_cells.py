@@ -11,11 +11,12 @@ import pytest
 from nermo_description.feet import named_readings, readings_by_cell
 from nermo_description.parameter_files import ParameterError, read_yaml, write_yaml
 from nermo_sensors.bench.rig import Rig
+from nermo_sensors.cells import Cells
+from nermo_sensors.cells.cell import CellParameters
 from nermo_sensors.estimation.estimator import LegLoadEstimator
 from nermo_sensors.estimation.health import Fault
-from nermo_sensors.models.cell import CellParameters
 from nermo_sensors.models.foot import TactileFeet
-from nermo_sensors.parameters import Cells, TactileParameters, load_tactile
+from nermo_sensors.parameters import TactileParameters, load_tactile
 
 TICK = 5_000_000
 CONVERTER = {"lower": 0.0, "upper": 5.0, "bits": 12}

@@ -8,13 +8,13 @@ import pytest
 
 from nermo_sensors.bench.rig import Rig, bump, smooth_bump
 from nermo_sensors.bench.table import BenchRecording, RecordingError
+from nermo_sensors.cells.piezoelectric import PiezoelectricParameters, RateAccelerationResponse
+from nermo_sensors.cells.piezoresistive import LinearConductance, PiezoresistiveParameters, Sigmoid, SigmoidPair
 from nermo_sensors.identification.calibrate import calibrate
 from nermo_sensors.identification.fit import UnidentifiableError, Unknown, fit
 from nermo_sensors.identification.piezoelectric import fit_charge, fit_rate, fit_rate_acceleration
 from nermo_sensors.identification.piezoresistive import fit_memory, fit_pair, fit_static
 from nermo_sensors.models.amplifier import NonInvertingAmplifier
-from nermo_sensors.models.piezoelectric import PiezoelectricParameters, RateAccelerationResponse
-from nermo_sensors.models.piezoresistive import LinearConductance, PiezoresistiveParameters, Sigmoid, SigmoidPair
 from nermo_sensors.parameters import load_tactile
 
 QUICK = Rig(periods=3, seconds=2.0)

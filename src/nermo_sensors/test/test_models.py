@@ -7,21 +7,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nermo_sensors.models.foot import TactileFeet
-from nermo_sensors.models.hysteresis import Creep, PlayHysteresis, ReversalHysteresis
-from nermo_sensors.models.piezoelectric import (
+from nermo_sensors.cells.piezoelectric import (
     ChargeResponse,
     PiezoelectricParameters,
     RateAccelerationResponse,
     RateResponse,
 )
-from nermo_sensors.models.piezoresistive import (
+from nermo_sensors.cells.piezoresistive import (
     LinearConductance,
     PiezoresistiveParameters,
     Sigmoid,
     SigmoidPair,
     SoftConductance,
 )
+from nermo_sensors.models.foot import TactileFeet
+from nermo_sensors.models.hysteresis import Creep, PlayHysteresis, ReversalHysteresis
 from nermo_sensors.parameters import TactileParameters, load_tactile, tactile_names, tactile_of_robot
 
 C_CELL = LinearConductance(1.01e-5, 4.14e-5, 4.14e-5 + 1.01e-5 * 31.5)

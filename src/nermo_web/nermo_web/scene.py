@@ -1,4 +1,4 @@
-"""The figure in viser's scene. The mouse stays in the middle and the ground moves below it: no view loses it."""
+"""The robot's shape in viser's scene. The mouse stays in the middle and the ground moves below it: no view loses it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from nermo_web.figure import Figure, Placed
+from nermo_web.robot_shape import Placed, RobotShape
 from nermo_web.trail import Trail
 
 GROUND_M = 3.0
@@ -26,7 +26,7 @@ TENDON, FORCE, WAY = (214, 140, 0), (200, 0, 0), (20, 80, 190)
 class Scene:
     """A viser server on a port of this machine that nobody else needs to know, and what is in it."""
 
-    def __init__(self, figure: Figure) -> None:
+    def __init__(self, shape: RobotShape) -> None:
         # It tells its own address, which is not the one to open.
         with contextlib.redirect_stdout(io.StringIO()):
             self._server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
@@ -50,8 +50,8 @@ class Scene:
             shadow_opacity=0.25,
             fade_distance=3.0,
         )
-        self._bodies = {name: server.scene.add_frame(f"/ground/{name}", show_axes=False) for name in figure.bodies}
-        for number, part in enumerate(figure.parts):
+        self._bodies = {name: server.scene.add_frame(f"/ground/{name}", show_axes=False) for name in shape.bodies}
+        for number, part in enumerate(shape.parts):
             server.scene.add_mesh_simple(f"/ground/{part.body}/{number}", part.vertices, part.faces, color=part.colour)
         nothing = np.zeros((0, 2, 3), np.float32)
         self._tendons = server.scene.add_line_segments("/ground/tendons", nothing, TENDON, thickness=0.0008)

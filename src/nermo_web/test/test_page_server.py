@@ -13,8 +13,8 @@ from websockets.sync.client import ClientConnection, connect
 
 from nermo_description.robots import load_any_robot
 from nermo_web.door import LONGEST_TEXT
-from nermo_web.figure import Figure
 from nermo_web.page_server import Event, PageServer
+from nermo_web.robot_shape import RobotShape
 from nermo_web.scene import Scene
 
 TOKEN = "a-token"
@@ -22,7 +22,7 @@ TOKEN = "a-token"
 
 @pytest.fixture(scope="module")
 def scene() -> Iterator[Scene]:
-    made = Scene(Figure(load_any_robot("nermo_lite")))
+    made = Scene(RobotShape(load_any_robot("nermo_lite")))
     yield made
     made.close()
 

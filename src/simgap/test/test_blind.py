@@ -24,7 +24,7 @@ from simgap.blind.faults import FAULTS, UNKNOWN, Fault, Scale
 from simgap.blind.make import BlindError, make
 from simgap.blind.recordings import simulate, told
 from simgap.blind.reliability import reliability, table
-from simgap.blind.run import experiment_file, read_results, run
+from simgap.blind.run import Plan, experiment_file, read_results, run
 from simgap.blind.score import confusion, judged, metrics, rate, score
 from simgap.blind.settle import settle
 from simgap.blind.sites import sites
@@ -188,7 +188,7 @@ def test_a_small_check_is_made_diagnosed_and_scored(tmp_path: Path) -> None:
     """Six sealed cases from end to end, each diagnosed by a process of its own with the whole library."""
     folder, answers, out = tmp_path / "check", tmp_path / "sealed", tmp_path / "results"
     make(folder, answers, 6, seed=SMALL_CHECK, robots=("pendulum", "cart_pole"), seconds=6.0, workers=2)
-    found = run(folder, out, workers=2, threads=1, baselines=False, answers=[answers])
+    found = run(folder, out, Plan(workers=2, threads=1, baselines=False, answers=[answers]))
     assert {row["status"] for row in found.values()} == {"done"}
     scored = score(folder, answers, out)
     wrong = [(r["truth"], r["verdict"], r["found"]) for r in scored["cases"] if not r["correct"]]
@@ -199,7 +199,7 @@ def test_a_small_check_is_made_diagnosed_and_scored(tmp_path: Path) -> None:
         again = tmp_path / "next"
         assert settle(folder, answers, out, again) == asked
         assert all(len(list((again / "data" / i).glob("recording*.npz"))) == 2 for i in asked)
-        settled = run(again, tmp_path / "settled", cases=asked[:1], threads=1, baselines=False, answers=[answers])
+        settled = run(again, tmp_path / "settled", Plan(asked[:1], threads=1, baselines=False, answers=[answers]))
         assert settled[asked[0]]["status"] == "done"
     else:
         with pytest.raises(BlindError, match="no ambiguous case"):
@@ -224,7 +224,7 @@ def test_an_interrupted_run_ends_at_once_and_keeps_what_is_done(tmp_path: Path) 
     assert running.wait(timeout=60) != 0
     found = read_results(out)
     assert 0 < len(found) < 6 and {row["status"] for row in found.values()} == {"done"}
-    found = run(folder, out, threads=1, baselines=False, only=["mass"], cases=[*sorted(found)[:1], "005"])
+    found = run(folder, out, Plan([*sorted(found)[:1], "005"], threads=1, baselines=False, only=["mass"]))
     assert found["005"]["status"] == "done"
 
 

@@ -17,7 +17,7 @@ from nermo_control.nodes.conversions import gait_parameters_to_message
 from nermo_description.feet import named_readings
 from nermo_description.parameters import LEGS
 from nermo_description.robots import AnyRobot
-from nermo_hw.sbcp.boards import CELLS
+from nermo_hw.sbcp.boards import TACTILE_CHANNELS
 from nermo_interfaces import msg
 from nermo_node.time import to_message
 
@@ -204,7 +204,7 @@ def _leg_loads(message: msg.LegLoads, robot: AnyRobot) -> None:
 
 
 def _tactile(message: msg.Tactile, robot: AnyRobot) -> None:
-    message.name, message.voltage = named_readings({cell: [1.2] * len(LEGS) for cell in CELLS})
+    message.name, message.voltage = named_readings({cell: [1.2] * len(LEGS) for cell in TACTILE_CHANNELS})
 
 
 _USUAL: dict[str, Callable[[Any, AnyRobot], None]] = {

@@ -11,10 +11,11 @@ import math
 import os
 import re
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from nermo_control.gait.gaits import GAITS, GaitDefinition
 from nermo_control.types import TurningStrategy
 from nermo_description.parameter_files import ParameterError, read_yaml, validate, write_yaml
 
@@ -32,25 +33,6 @@ class _Frozen(BaseModel):
 
 FootPath = Literal["splines", "locus"]
 """Which curves a foot follows between its control points."""
-
-Offset = Annotated[float, Field(ge=0.0, lt=1.0)]
-
-
-class GaitDefinition(_Frozen):
-    """One gait (N table A.6)."""
-
-    duty_factor: float = Field(
-        ge=0.2, le=0.95, description="Share of the cycle that a foot is on the ground", json_schema_extra={"unit": "1"}
-    )
-    phase_offsets: tuple[Offset, Offset, Offset, Offset] = Field(
-        description="Phase advance of front left, front right, rear left, rear right, each in [0, 1)",
-        json_schema_extra={"unit": "1"},
-    )
-
-    @property
-    def gait_factor(self) -> float:
-        """g_f of (5.22), the inverse of the duty factor (N table A.2)."""
-        return 1.0 / self.duty_factor
 
 
 class LegStride(_Frozen):
@@ -97,11 +79,7 @@ class GaitParameters(_Frozen):
     """All gait parameters (k_g); mirrors `GaitParameters.msg`. The defaults are N's (tables A.6 and A.7)."""
 
     gaits: dict[str, GaitDefinition] = Field(
-        default={
-            "trot": GaitDefinition(duty_factor=0.5, phase_offsets=(0.5, 0.0, 0.0, 0.5)),
-            "walking_trot": GaitDefinition(duty_factor=0.6, phase_offsets=(0.5, 0.0, 0.0, 0.5)),
-            "lateral_walk": GaitDefinition(duty_factor=0.68, phase_offsets=(0.63, 0.14, 0.0, 0.54)),
-        },
+        default=GAITS,
         description="The gaits by name; N's trt, trt1 and lat (table A.6)",
     )
     default_gait: str = Field("trot", description="Gait of a command that names none")

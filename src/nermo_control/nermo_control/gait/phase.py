@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nermo_control.gait.knowledge_base import GaitDefinition
+from nermo_control.gait.gaits import GaitDefinition
 from nermo_control.types import Four, Phase
 
 Phases = tuple[Phase, Phase, Phase, Phase]

@@ -19,7 +19,8 @@ from sensor_msgs.msg import Imu as ImuMessage
 from std_msgs.msg import Header
 
 from nermo_control import types
-from nermo_control.gait.knowledge_base import GaitDefinition, GaitParameters, LegStride
+from nermo_control.gait.gaits import GaitDefinition
+from nermo_control.gait.knowledge_base import GaitParameters, LegStride
 from nermo_control.path import Path
 from nermo_control.types import Phase, Posture, TrajectoryMode
 from nermo_description.parameters import LEGS, RobotParameters

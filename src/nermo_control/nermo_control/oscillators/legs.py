@@ -8,7 +8,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from nermo_control.gait.knowledge_base import MAX_GAIT_FREQUENCY, GaitDefinition
+from nermo_control.gait.gaits import GaitDefinition
+from nermo_control.gait.knowledge_base import MAX_GAIT_FREQUENCY
 from nermo_control.gait.phase import ALL_REQUESTED, NONE_REQUESTED, STANDING, Flags, LegPhases
 from nermo_control.oscillators import tegotae
 from nermo_control.oscillators.cpg import CoupledOscillators, phase_differences

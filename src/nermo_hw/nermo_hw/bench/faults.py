@@ -18,6 +18,7 @@ from nermo_description.results import CommandError
 from nermo_hw.bench.rig import Rig
 from nermo_hw.safety.causes import RULE_OF, Cause, State
 from nermo_hw.safety.sensor_checks import SMOOTHING
+from nermo_hw.sbcp.boards import WATCHDOG
 
 MARGIN_S = 0.2
 """A state that comes later than its time and this is late: two control ticks, one exchange, and a busy machine."""
@@ -39,8 +40,6 @@ STOPS_EARLIER = {
 PATIENCE = 3.0
 """So many times as late as it may be, a state is waited for before it counts as not reached."""
 _TRIALS = 5
-WATCHDOG_S = 0.5
-"""Of the device (register watchdog)."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ class Injection:
     @property
     def within(self) -> float:
         """Time that it may take [s]."""
-        after = WATCHDOG_S if self.cause is None else RULE_OF[self.cause].after
+        after = WATCHDOG if self.cause is None else RULE_OF[self.cause].after
         return self.delay + after + MARGIN_S
 
 

@@ -22,6 +22,7 @@ from nermo_hw.bench.network import ROBOT_IP, Impairment, Network
 from nermo_hw.device.emulator import Control, control_path
 from nermo_hw.link.config import DEFAULT
 from nermo_hw.link.keys import make_keys
+from nermo_hw.link.transports import TRANSPORTS
 from nermo_hw.types import LineError
 
 PATIENCE_S = 60.0
@@ -31,7 +32,7 @@ PORT = 7447
 class Rig:
     """The whole path in a folder of its own.
 
-    transport: `quic` (datagrams), `tls`, `udp` or `tcp`. Raises NoNamespacesError where there can be no network
+    transport: one of TRANSPORTS. Raises NoNamespacesError where there can be no network
     namespaces, CommandError where a part does not come up.
     """
 
@@ -157,11 +158,11 @@ class Rig:
 
     def _write_link(self, transport: str) -> None:
         settings = read_yaml(DEFAULT)
-        encrypted = transport in ("quic", "tls")
-        if encrypted:
+        carrier = TRANSPORTS[transport]
+        if carrier.encrypts:
             make_keys(self.folder / "keys", ["robot", "workstation"])
-        endpoint = f"{transport}/{ROBOT_IP}:{PORT}" + ("?rel=0" if transport == "quic" else "")
-        settings["keys"] = "keys" if encrypted else None
+        endpoint = f"{transport}/{ROBOT_IP}:{PORT}{carrier.ending}"
+        settings["keys"] = "keys" if carrier.encrypts else None
         settings["robot"]["endpoints"] = settings["workstation"]["endpoints"] = [endpoint]
         self._link = self.folder / "link.yaml"
         self._link.write_text(yaml.safe_dump(settings), encoding="utf-8")

@@ -259,7 +259,12 @@ class ServoBoard(Board):
             velocities,
             currents,
             float(sensors.knee_angles[self.leg]),
-            np.array([sensors.cells[cell][self.leg] if cell in sensors.cells else math.nan for cell in boards.CELLS]),
+            np.array(
+                [
+                    sensors.cells[cell][self.leg] if cell in sensors.cells else math.nan
+                    for cell in boards.TACTILE_CHANNELS
+                ]
+            ),
         ).encode()
 
     def _refresh(self, now: int) -> None:

@@ -354,7 +354,7 @@ class Device:
                 on_bus += round((OVERHEAD + len(packet.payload)) * byte_ns)
                 answer = self._answer(packet, on_bus, targets)
                 if packet.address != BUS_CONTROLLER:
-                    wait = boards.REPLY_TIMEOUT if answer.code == Status.NO_ANSWER else boards.REPLY_DELAY
+                    wait = boards.SLAVE_TIMEOUT if answer.code == Status.NO_ANSWER else boards.REPLY_DELAY
                     on_bus += round(wait * 1e9)
                     if answer.code != Status.NO_ANSWER:
                         on_bus += round((OVERHEAD + len(answer.payload)) * byte_ns)

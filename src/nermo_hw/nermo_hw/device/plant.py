@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS, RobotParameters
-from nermo_hw.sbcp.boards import CELLS
+from nermo_hw.sbcp.boards import TACTILE_CHANNELS
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ class ServoPlant:
             velocities=self._velocity.copy(),
             torques=self._torque.copy(),
             knee_angles=self._knees.copy(),
-            cells={cell: np.zeros(len(LEGS)) for cell in CELLS},
+            cells={cell: np.zeros(len(LEGS)) for cell in TACTILE_CHANNELS},
             orientation=np.array([1.0, 0.0, 0.0, 0.0]),
             angular_velocity=np.zeros(3),
             linear_acceleration=np.array([0.0, 0.0, 9.81]),

@@ -12,12 +12,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from nermo_description.parameter_files import ParameterError, read_yaml, validate
 from nermo_description.silence import HOLD
+from nermo_hw.link.transports import words
 
 DEFAULT = Path(str(files("nermo_hw"))) / "link" / "link.yaml"
-
-
-ENCRYPTED, PLAIN = ("quic", "tls"), ("udp", "tcp")
-"""What an endpoint may begin with; `transports.py` has what carries it."""
 
 
 class Side(Enum):
@@ -73,8 +70,8 @@ class Peer(_Strict):
     name: str = Field(pattern=r"^[A-Za-z0-9][\w.-]*$")
     """Common name in its certificate."""
     endpoints: tuple[str, ...] = ()
-    """Where the robot listens, or where the workstation finds it: `quic/HOST:PORT?rel=0`, `tls/...`; without keys
-    `udp/...`, `tcp/...`."""
+    """Where the robot listens, or where the workstation finds it: `quic/HOST:PORT?rel=0`; `transports.py` has all
+    words that it may begin with."""
 
 
 class LinkConfig(_Strict):
@@ -104,9 +101,8 @@ class LinkConfig(_Strict):
                 raise ValueError(f"topics: the command {topic.name} must go to the robot and be stamped")
         for side in (self.robot, self.workstation):
             for endpoint in side.endpoints:
-                protocol = endpoint.partition("/")[0]
-                known = ENCRYPTED if self.keys is not None else PLAIN
-                if protocol not in known:
+                known = words(encrypts=self.keys is not None)
+                if endpoint.partition("/")[0] not in known:
                     allowed = " or ".join(f"{name}/" for name in known)
                     why = "encrypted" if self.keys is not None else "without keys"
                     raise ValueError(f"{side.name}.endpoints: {endpoint!r}: a link {why} is {allowed}")
@@ -115,6 +111,10 @@ class LinkConfig(_Strict):
     def peer(self, side: Side) -> Peer:
         """Who is at an end."""
         return self.robot if side is Side.ROBOT else self.workstation
+
+    def endpoint(self, side: Side) -> str:
+        """By which an end chooses its transport: its first, or else the far end's; QUIC where none is named."""
+        return next(iter((*self.peer(side).endpoints, *self.peer(side.other).endpoints)), "quic/")
 
     def key_list(self, to: Side) -> list[str]:
         """Keys of all topics that go to an end, with that of the heartbeat."""

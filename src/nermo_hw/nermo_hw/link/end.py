@@ -19,7 +19,7 @@ from nermo_hw.link.clock import LinkClock
 from nermo_hw.link.config import LinkConfig, Side, Topic
 from nermo_hw.link.heartbeat import Ping, Pong
 from nermo_hw.link.transport import LinkError, Transport
-from nermo_hw.link.transports import make_transport
+from nermo_hw.link.transports import transport_at
 
 LARGEST_NUMBER_OF_ENDS = 16
 """Workstations that are known by name at a time."""
@@ -74,7 +74,7 @@ class LinkEnd:
         self.name = name or f"{socket.gethostname()} (process {os.getpid()})"
         self._id = os.urandom(8)
         self._deliver, self._clock, self._heard = deliver, clock, heard
-        self._transport = transport or make_transport(config, side)
+        self._transport = transport or transport_at(config.endpoint(side))(config, side)
         self._monotonic = monotonic
         self._outgoing = {
             # Half a period early is still in time; nothing is left out for a little jitter.

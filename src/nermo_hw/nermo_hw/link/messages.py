@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from nermo_description.feet import named_readings
-from nermo_description.parameters import LEGS
-from nermo_hw.types import Array, SensorSample
+from nermo_description.parameters import RobotParameters
+from nermo_hw.sample_topics import SAMPLE_TOPICS, fill
+from nermo_hw.types import SensorSample
 
 # The robot has no nermo_interfaces; a test holds these to the package's own files.
 DEFINITIONS = {
@@ -23,11 +23,6 @@ DEFINITIONS = {
     ),
     "nermo_interfaces/msg/Tactile": "std_msgs/Header header\nstring[] name\nfloat64[] voltage",
 }
-KNEE_JOINTS = [f"{leg}_knee_joint" for leg in LEGS]
-LIPO = 3
-"""sensor_msgs/BatteryState.POWER_SUPPLY_TECHNOLOGY_LIPO"""
-DISCHARGING = 2
-"""sensor_msgs/BatteryState.POWER_SUPPLY_STATUS_DISCHARGING"""
 
 
 @cache
@@ -72,49 +67,21 @@ def encode_bool(data: bool) -> bytes:
 
 
 class SensorMessages:
-    """What one sample of the device becomes, by topic. servos: their names, in the order of the arrays."""
+    """What one sample of the device becomes, by topic: the messages of `sample_topics`."""
 
-    def __init__(self, servos: Sequence[str], imu_frame: str = "imu_link") -> None:
-        self._servos, self._imu_frame = list(servos), imu_frame
-        self._unknown = np.full(len(servos), math.nan)
-        self._covariance = np.zeros(9)
-        """Zeros mean unknown (sensor_msgs/Imu)."""
+    def __init__(self, robot: RobotParameters) -> None:
+        self._messages = {name: _blank(topic.type) for name, topic in SAMPLE_TOPICS.items()}
+        for name, message in self._messages.items():
+            fill(message, SAMPLE_TOPICS[name].fixed(robot))
 
     def of(self, sample: SensorSample, due: Callable[[str], bool] = lambda _: True) -> Iterator[tuple[str, bytes]]:
-        """Topic and CDR of each message that is due, `servo_states` last: who reads it finds the rest on its way."""
-        makers: dict[str, Callable[[SensorSample], Any]] = {
-            "imu/data_raw": self._imu,
-            "tactile": _tactile,
-            "joint_states": _knees,
-            "battery": _battery,
-            "servo_states": self._servo_states,
-        }
-        for topic, make in makers.items():
-            if due(topic):
-                yield topic, encode(make(sample))
-
-    def _imu(self, sample: SensorSample) -> Any:
-        vector = _make("geometry_msgs/msg/Vector3")
-        w, x, y, z = _floats(sample.orientation)
-        return _make("sensor_msgs/msg/Imu")(
-            _header(sample.stamp, self._imu_frame),
-            _make("geometry_msgs/msg/Quaternion")(x, y, z, w),
-            self._covariance,
-            vector(*_floats(sample.angular_velocity)),
-            self._covariance,
-            vector(*_floats(sample.linear_acceleration)),
-            self._covariance,
-        )
-
-    def _servo_states(self, sample: SensorSample) -> Any:
-        return _make("nermo_interfaces/msg/ServoStates")(
-            _header(sample.stamp),
-            self._servos,
-            sample.servo_positions,
-            sample.servo_velocities,
-            self._unknown,
-            sample.servo_currents,
-        )
+        """Topic and CDR of each message that is due, in the order of SAMPLE_TOPICS."""
+        for name, topic in SAMPLE_TOPICS.items():
+            if due(name):
+                message = self._messages[name]
+                message.header = _header(sample.stamp, topic.frame)
+                fill(message, topic.fields(sample))
+                yield name, encode(message)
 
 
 def encode_diagnostics(stamp: int, hardware_id: str, parts: Iterable[tuple[str, int, str, dict[str, object]]]) -> bytes:
@@ -145,38 +112,16 @@ def _header(stamp: int, frame: str = "") -> Any:
     return _make("std_msgs/msg/Header")(_make("builtin_interfaces/msg/Time")(seconds, nanoseconds), frame)
 
 
-def _floats(values: Array) -> list[float]:
-    return [float(value) for value in values]
+def _blank(name: str) -> Any:
+    """A message whose numbers are zero and whose words and sequences are empty."""
+    return _make(name)(*(_zero(kind) for _, kind in types().fielddefs[name][1]))
 
 
-def _knees(sample: SensorSample) -> Any:
-    nothing = np.array([])
-    return _make("sensor_msgs/msg/JointState")(_header(sample.stamp), KNEE_JOINTS, sample.knee_angles, nothing, nothing)
-
-
-def _tactile(sample: SensorSample) -> Any:
-    names, voltages = named_readings(sample.cells)
-    return _make("nermo_interfaces/msg/Tactile")(_header(sample.stamp), names, np.array(voltages))
-
-
-def _battery(sample: SensorSample) -> Any:
-    nan = math.nan
-    empty = np.array([], dtype=np.float32)
-    return _make("sensor_msgs/msg/BatteryState")(
-        header=_header(sample.stamp),
-        voltage=float(sample.battery_voltage),
-        temperature=nan,
-        current=-float(sample.battery_current),
-        charge=nan,
-        capacity=nan,
-        design_capacity=nan,
-        percentage=nan,
-        power_supply_status=DISCHARGING,
-        power_supply_health=0,
-        power_supply_technology=LIPO,
-        present=True,
-        cell_voltage=empty,
-        cell_temperature=empty,
-        location="",
-        serial_number="",
-    )
+def _zero(kind: Any) -> Any:
+    node, detail = kind
+    if node is Nodetype.NAME:
+        return _blank(detail)
+    if node is Nodetype.BASE:
+        return "" if detail[0] == "string" else 0
+    (_, (base, _)), length = detail  # what an array or sequence is of; a sequence has no length
+    return [] if base == "string" else np.zeros(length, base)

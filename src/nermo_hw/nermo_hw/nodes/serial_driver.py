@@ -23,9 +23,9 @@ from nermo_description.robots import load_robot
 from nermo_description.servo_command import ServoCommandDoor
 from nermo_description.silence import HOLD
 from nermo_hw.nodes.sample_publishers import SamplePublishers
-from nermo_hw.safety.limits import ServoLimits
+from nermo_hw.safety.servo_limits import ServoLimits
 from nermo_hw.serial.calibration import load_calibration
-from nermo_hw.serial.driver import Driver
+from nermo_hw.serial.driver import REPLY_TIMEOUT, Driver
 from nermo_hw.serial.schedule import FixedStepSchedule
 from nermo_hw.types import LATCHED, LineError, LineLostError, SensorSample, ServoTargets, SilentLineError
 from nermo_interfaces.msg import ServoCommand
@@ -80,7 +80,11 @@ class SerialDriverParameters(BaseModel):
     )
     battery_rate: float = Field(1.0, gt=0.0, le=500.0, description="Rate of battery", json_schema_extra={"unit": "Hz"})
     reply_timeout: float = Field(
-        0.02, ge=0.0005, le=1.0, description="How long the device may take to answer", json_schema_extra={"unit": "s"}
+        REPLY_TIMEOUT,
+        ge=0.0005,
+        le=1.0,
+        description="How long the device may take to answer",
+        json_schema_extra={"unit": "s"},
     )
     auto_release: bool = Field(
         True,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import socket
 import sys
 import threading
@@ -21,6 +20,7 @@ from nermo_hw.link import stamp
 from nermo_hw.link.config import DEFAULT, Side, Topic, load_link
 from nermo_hw.link.end import LinkEnd
 from nermo_hw.link.transport import LinkError
+from nermo_hw.nodes.sample_publishers import message_type
 from nermo_node import qos
 from nermo_node.command_input import CommandInput
 from nermo_node.complaints import Complaints
@@ -128,9 +128,8 @@ class ZenohLinkNode(Node):
 
 
 def _message_type(topic: Topic) -> type:
-    package, _, name = topic.type.split("/")
     try:
-        return getattr(importlib.import_module(f"{package}.msg"), name)  # type: ignore[no-any-return]
+        return message_type(topic.type)  # type: ignore[no-any-return]
     except (ImportError, AttributeError) as error:
         raise ParameterError(f"topic {topic.name}: the type {topic.type} is not installed") from error
 

@@ -1,11 +1,17 @@
-"""The one table of what can go wrong: what state it leads to, after which time, and whether it must be released."""
+"""The one table of what can go wrong: from which limit on, for how long, what state it leads to, and what ends it."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
 from nermo_description.silence import AWAY, CROUCH, HOLD, LINK
+
+RANGE_MARGIN = 0.3
+"""[rad] A servo cannot be so far beyond its range."""
+SPEED_FACTOR = 3.0
+"""A servo cannot be so many times as fast as it turns without a load."""
 
 
 class State(IntEnum):
@@ -76,6 +82,10 @@ class Rule:
     after: float
     """How long the condition must last before the state is taken [s]; then it is taken in the next control tick."""
     ends: Ends = Ends.RELEASE
+    limit: float = math.nan
+    """Default of the setting that `what` names; NaN where it names none."""
+    unit: str = ""
+    """Of the limit."""
 
     @property
     def latched(self) -> bool:
@@ -90,10 +100,12 @@ RULES: tuple[Rule, ...] = (
     Rule(Cause.LINK_LOST, "nothing at all from the workstation", State.CROUCH, LINK.after, Ends.BY_ITSELF),
     Rule(Cause.LONG_SILENCE, "no acceptable servo_command for new_walk_after", State.CROUCH, AWAY.after, Ends.NEW_WALK),
     Rule(Cause.EMERGENCY_STOP, "pad, keyboard, any publisher of emergency_stop, or SIGUSR1", State.LIMP, 0.0),
-    Rule(Cause.FALLEN, "the body is tilted by more than max_tilt", State.LIMP, 0.2),
-    Rule(Cause.OVER_CURRENT, "a servo draws more than max_current", State.LIMP, 0.25),
-    Rule(Cause.LOW_BATTERY, "voltage below low_voltage", State.CROUCH, 1.0),
-    Rule(Cause.EMPTY_BATTERY, "voltage below empty_voltage", State.LIMP, 0.5),
+    Rule(Cause.FALLEN, "the body is tilted by more than max_tilt", State.LIMP, 0.2, limit=1.05, unit="rad"),
+    # A servo of this size stalls at about 1 A; less than that for long burns it.
+    Rule(Cause.OVER_CURRENT, "a servo draws more than max_current", State.LIMP, 0.25, limit=0.9, unit="A"),
+    # Two lithium-polymer cells: 3.3 and 3.0 V each.
+    Rule(Cause.LOW_BATTERY, "voltage below low_voltage", State.CROUCH, 1.0, limit=6.6, unit="V"),
+    Rule(Cause.EMPTY_BATTERY, "voltage below empty_voltage", State.LIMP, 0.5, limit=6.0, unit="V"),
     Rule(Cause.SILENT_SERVO, "a servo does not answer its board", State.CROUCH, 0.1),
     Rule(Cause.LINE_LOST, "the device, or a board of it, does not answer", State.LIMP, 0.3),
     Rule(Cause.DEVICE_LIMP, "the device is limp by itself: watchdog, restart, over-current", State.LIMP, 0.1),
@@ -103,10 +115,15 @@ RULES: tuple[Rule, ...] = (
     Rule(Cause.IMU_IMPLAUSIBLE, "orientation against accelerometer or gyroscope", State.CROUCH, 1.0),
     Rule(Cause.BATTERY_INVALID, "a voltage that is no number", State.CROUCH, 3.0),
     Rule(Cause.BATTERY_FROZEN, "voltage and current the same to the last bit while servos move", State.CROUCH, 10.0),
-    Rule(Cause.BATTERY_IMPLAUSIBLE, "voltage above highest_voltage", State.CROUCH, 1.0),
+    Rule(Cause.BATTERY_IMPLAUSIBLE, "voltage above highest_voltage", State.CROUCH, 1.0, limit=9.0, unit="V"),
     Rule(Cause.SERVO_INVALID, "a position, speed or current that is no number", State.CROUCH, 0.1),
     Rule(Cause.SERVO_FROZEN, "a position the same to the last bit while the servo is told to move", State.CROUCH, 0.5),
-    Rule(Cause.SERVO_IMPLAUSIBLE, "0.3 rad beyond its range, or 3 times faster than it can be", State.CROUCH, 0.25),
+    Rule(
+        Cause.SERVO_IMPLAUSIBLE,
+        f"{RANGE_MARGIN:g} rad beyond its range, or {SPEED_FACTOR:g} times faster than it can be",
+        State.CROUCH,
+        0.25,
+    ),
 )
 """Bad commands (stale, from the future, repeated, out of order, not finite, of a wrong length, with unknown names) are
 refused and counted; when no other comes, command_silence follows. Positions, rates and torques are limited without a
@@ -118,5 +135,7 @@ RULE_OF: dict[Cause, Rule] = {rule.cause: rule for rule in RULES}
 def table() -> str:
     """The rules as a Markdown table, as it stands in the documentation."""
     rows = ["| cause | when | state | after | ends, once the reason has gone |", "|---|---|---|---|---|"]
-    rows += [f"| `{rule.cause}` | {rule.what} | {rule.state} | {rule.after:g} s | {rule.ends} |" for rule in RULES]
+    for rule in RULES:
+        limit = "" if math.isnan(rule.limit) else f" ({rule.limit:g} {rule.unit})"
+        rows += [f"| `{rule.cause}` | {rule.what}{limit} | {rule.state} | {rule.after:g} s | {rule.ends} |"]
     return "\n".join(rows)

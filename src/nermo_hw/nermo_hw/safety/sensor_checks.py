@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_description.parameters import RobotParameters
-from nermo_hw.safety.causes import Cause
+from nermo_hw.safety.causes import RANGE_MARGIN, SPEED_FACTOR, Cause
 from nermo_hw.types import Array, SensorSample
 
 SENSOR_CAUSES = (
@@ -41,10 +41,6 @@ GRAVITY_TOLERANCE = 0.5 * GRAVITY
 """[m/s^2] The mean acceleration, turned into the world by the orientation, is further from gravity: one lies."""
 TURNING_TOLERANCE = 1.0
 """[rad/s] The mean of the gyroscope is further from how fast the orientation turns: one of them lies."""
-RANGE_MARGIN = 0.3
-"""[rad] A servo cannot be so far beyond its range."""
-SPEED_FACTOR = 3.0
-"""A servo cannot be so many times as fast as it turns without a load."""
 MOVING = 0.2
 """[rad/s] A servo that turns faster draws current."""
 LONGEST_STEP = 0.1

@@ -15,9 +15,9 @@ from nermo_description.parameters import RobotParameters
 from nermo_description.servo_command import RefusedCommandError, ServoCommandDoor
 from nermo_description.silence import HOLD
 from nermo_hw.safety.causes import RULE_OF, RULES, Cause, Rule, State
-from nermo_hw.safety.limits import ServoLimits
 from nermo_hw.safety.new_walk import NewWalk
 from nermo_hw.safety.sensor_checks import SENSOR_CAUSES, SensorChecks
+from nermo_hw.safety.servo_limits import ServoLimits
 from nermo_hw.types import LATCHED, Array, SensorSample, ServoTargets
 
 __all__ = ["Output", "RefusedCommandError", "SafetySettings", "SafetySupervisor"]
@@ -35,8 +35,14 @@ def _unit(unit: str) -> dict[str, Any]:
     return {"unit": unit}
 
 
+def _limit(cause: Cause, description: str, **bounds: Any) -> Any:
+    """The setting whose default stands in the row of its cause."""
+    rule = RULE_OF[cause]
+    return Field(rule.limit, description=description, json_schema_extra=_unit(rule.unit), **bounds)
+
+
 class SafetySettings(BaseModel):
-    """Thresholds. Times are in the table of causes."""
+    """What may be set; by default the limits are those of the table of causes, which has the times too."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -47,14 +53,10 @@ class SafetySettings(BaseModel):
         0.02, ge=0.0, le=0.5, description="Commands stamped further ahead are refused", json_schema_extra=_unit("s")
     )
     torque_share: float = Field(1.0, gt=0.0, le=1.0, description="Share of the stall torque that may be asked for")
-    # A servo of this size stalls at about 1 A; less than that for long burns it.
-    max_current: float = Field(0.9, gt=0.0, le=10.0, description="Of one servo", json_schema_extra=_unit("A"))
-    # Two lithium-polymer cells: 3.3 and 3.0 V each.
-    low_voltage: float = Field(6.6, ge=0.0, le=30.0, description="Battery is low", json_schema_extra=_unit("V"))
-    empty_voltage: float = Field(6.0, ge=0.0, le=30.0, description="Battery is empty", json_schema_extra=_unit("V"))
-    highest_voltage: float = Field(
-        9.0, ge=0.0, le=60.0, description="More than a full battery has", json_schema_extra=_unit("V")
-    )
+    max_current: float = _limit(Cause.OVER_CURRENT, "Of one servo", gt=0.0, le=10.0)
+    low_voltage: float = _limit(Cause.LOW_BATTERY, "Battery is low", ge=0.0, le=30.0)
+    empty_voltage: float = _limit(Cause.EMPTY_BATTERY, "Battery is empty", ge=0.0, le=30.0)
+    highest_voltage: float = _limit(Cause.BATTERY_IMPLAUSIBLE, "More than a full battery has", ge=0.0, le=60.0)
     new_walk_after: float = Field(
         RULE_OF[Cause.LONG_SILENCE].after,
         ge=0.0,
@@ -62,9 +64,7 @@ class SafetySettings(BaseModel):
         description="Without commands for so long, a walk must begin anew before the robot follows; 0: it need not",
         json_schema_extra=_unit("s"),
     )
-    max_tilt: float = Field(
-        1.05, ge=0.1, le=math.pi, description="Tilted further, it has fallen", json_schema_extra=_unit("rad")
-    )
+    max_tilt: float = _limit(Cause.FALLEN, "Tilted further, it has fallen", ge=0.1, le=math.pi)
     approach_velocity: float = Field(
         2.0,
         ge=0.1,

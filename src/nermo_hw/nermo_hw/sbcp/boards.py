@@ -32,7 +32,7 @@ SERVO_BOARDS: dict[int, tuple[str | None, ...]] = {
     4: ("rear_right_hip", "rear_right_knee", "tail", None),
 }
 """ID of each servo board: its servos. One a leg, with its knee encoder and tactile cells; in the order of LEGS."""
-CELLS = ("piezoresistive", "piezoelectric")
+TACTILE_CHANNELS = ("piezoresistive", "piezoelectric")
 """Cell of the foot on each tactile channel of a servo board."""
 LEG_OF_BOARD = dict(zip(SERVO_BOARDS, LEGS, strict=True))
 BODY_BOARD = (int(DeviceClass.BODY_BOARD), 1)
@@ -45,8 +45,10 @@ BITS_PER_BYTE = 10
 """With one start and one stop bit, no parity."""
 REPLY_DELAY = 10e-6
 """From the end of a packet to the begin of the answer [s] (C 5.3.2)."""
-REPLY_TIMEOUT = 20e-6
+SLAVE_TIMEOUT = 20e-6
 """Silence after which the bus controller gives a slave up [s] (C 5.3.2)."""
+WATCHDOG = 0.5
+"""Silence of the bus controller after which servos go limp, unless the register `watchdog` says otherwise [s]."""
 LOOP_PERIOD_NS = 1_000_000
 """Of a board's main loop: PID, sensors, trajectory interpolation."""
 
@@ -123,7 +125,7 @@ SERVO_BOARD_REGISTERS = (
         Kind.U16,
         Access.STORED,
         "servos go limp when no exchange came for so long",
-        default=500,
+        default=round(WATCHDOG * 1e3),
         lower=20,
         upper=10_000,
         unit="ms",
@@ -181,7 +183,7 @@ BUS_CONTROLLER_REGISTERS = (
         Kind.U16,
         Access.READ_ONLY,
         "silence after which a slave is given up",
-        default=round(REPLY_TIMEOUT * 1e6),
+        default=round(SLAVE_TIMEOUT * 1e6),
         unit="us",
     ),
     Register(0x12, "forwarded", Kind.U32, Access.READ_ONLY, "packets given to slaves since the start"),
@@ -201,7 +203,7 @@ ACKNOWLEDGE = 0x20
 """Latched faults are forgotten."""
 
 _SERVO_REQUEST = struct.Struct("<BB4h")
-_SERVO_ANSWER = struct.Struct(f"<BBHI4h4h4Hh{len(CELLS)}h")
+_SERVO_ANSWER = struct.Struct(f"<BBHI4h4h4Hh{len(TACTILE_CHANNELS)}h")
 _BODY_REQUEST = struct.Struct("<BB")
 _BODY_ANSWER = struct.Struct("<BBHI4h3h3hHH")
 
@@ -248,7 +250,7 @@ class ServoAnswer:
     currents: Array
     knee_angle: float
     cells: Array
-    """[V], one of each of CELLS"""
+    """[V], one of each of TACTILE_CHANNELS"""
 
     def encode(self) -> bytes:
         """The payload; values beyond what their field holds become the nearest."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_hw.sbcp import boards
-from nermo_hw.sbcp.boards import BODY_BOARD, BUS_CONTROLLER, CELLS, CHANNELS, SERVO_BOARDS, board_name
+from nermo_hw.sbcp.boards import BODY_BOARD, BUS_CONTROLLER, CHANNELS, SERVO_BOARDS, TACTILE_CHANNELS, board_name
 from nermo_hw.sbcp.packet import DeviceClass, Instruction, Packet, Status
 from nermo_hw.sbcp.plausible import plausible_answer
 from nermo_hw.sbcp.registers import Register, Value
@@ -27,6 +27,9 @@ from nermo_hw.types import (
     ServoTargets,
     SilentLineError,
 )
+
+REPLY_TIMEOUT = 0.02
+"""How long the device may take to answer [s]: far longer than it needs, and a tick that is late is no danger."""
 
 
 @dataclass(slots=True)
@@ -56,7 +59,7 @@ class Driver:
         *,
         calibration: Calibration | None = None,
         point_period: float = 0.005,
-        reply_timeout: float = 0.02,
+        reply_timeout: float = REPLY_TIMEOUT,
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
         period_ms = point_period * 1e3
@@ -260,7 +263,7 @@ class Driver:
     def _sample(self, stamp: int, answered: dict[Address, Packet]) -> SensorSample:
         count = len(self._servo_boards) * CHANNELS
         positions, velocities, currents = np.zeros(count), np.zeros(count), np.zeros(count)
-        knees, cells = np.zeros(len(LEGS)), np.zeros((len(CELLS), len(LEGS)))
+        knees, cells = np.zeros(len(LEGS)), np.zeros((len(TACTILE_CHANNELS), len(LEGS)))
         faults, limp = Fault(0), False
         silent, over = 0, 0
         for number, address in enumerate(self._servo_boards):
@@ -288,7 +291,7 @@ class Driver:
             servo_velocities=self._servos.velocities(velocities[self._slot]),
             servo_currents=currents[self._slot],
             knee_angles=self._encoders.angles(knees),
-            cells=dict(zip(CELLS, cells, strict=True)),
+            cells=dict(zip(TACTILE_CHANNELS, cells, strict=True)),
             orientation=np.array([1.0, 0.0, 0.0, 0.0]) if body is None else body.orientation,
             angular_velocity=np.zeros(3) if body is None else body.angular_velocity,
             linear_acceleration=np.zeros(3) if body is None else body.linear_acceleration,

@@ -9,7 +9,7 @@ from typing import Any
 from nermo_sensors.bench.figure import figure_facts
 from nermo_sensors.bench.judgement import judge_run, update_times
 from nermo_sensors.bench.rig import Rig
-from nermo_sensors.models.piezoresistive import PiezoresistiveParameters
+from nermo_sensors.cells.piezoresistive import PiezoresistiveParameters
 from nermo_sensors.parameters import load_tactile
 
 FIT_SEED, TUNE_SEED, JUDGE_SEED = 1, 2, 3

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_sensors.bench.rig import smooth_bump
+from nermo_sensors.cells.piezoresistive import Sigmoid, SigmoidPair
 from nermo_sensors.estimation.load_filter import LoadFilter
 from nermo_sensors.estimation.thesis import RateModel
-from nermo_sensors.models.piezoresistive import Sigmoid, SigmoidPair
 from nermo_sensors.parameters import PairCalibration, RateCalibration, RateNoise, SigmoidParameters
 
 Array = NDArray[np.float64]

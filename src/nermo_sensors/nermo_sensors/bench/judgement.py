@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_sensors.bench.table import CELLS, BenchRecording
+from nermo_sensors.bench.table import BENCH_CELLS, BenchRecording
 from nermo_sensors.estimation.bank import FilterpyBank, KalmanBank
 from nermo_sensors.estimation.consistency import Quality, find_bumps, judge
 from nermo_sensors.estimation.load_filter import ESTIMATORS, LoadFilter, make_model
@@ -25,7 +25,7 @@ SETTLED = 1.0
 def judge_run(
     parameters: TactileParameters,
     recording: BenchRecording,
-    estimators: tuple[str, ...] = (*ESTIMATORS, *CELLS, "smoother"),
+    estimators: tuple[str, ...] = (*ESTIMATORS, *BENCH_CELLS, "smoother"),
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[list[dict[str, Any]], dict[str, tuple[Array, Array]]]:
     """Rows by frequency and over all of them (frequency None), and load and variance (n,) of each estimator.
@@ -46,7 +46,7 @@ def judge_run(
 
 def best_single(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Rows `best_single`: at each frequency the cell that does better alone, named under `cell`."""
-    alone = [row for row in rows if row["estimator"] in CELLS]
+    alone = [row for row in rows if row["estimator"] in BENCH_CELLS]
     frequencies = dict.fromkeys(row["frequency_hz"] for row in alone)
     best = [
         min((row for row in alone if row["frequency_hz"] == frequency), key=lambda row: float(row["rmse_n"]))

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-from nermo_sensors.bench.table import CELLS, BenchRecording
+from nermo_sensors.bench.table import BENCH_CELLS, BenchRecording
+from nermo_sensors.cells.piezoelectric import PiezoelectricParameters
+from nermo_sensors.cells.piezoresistive import PiezoresistiveParameters
 from nermo_sensors.models.foot import TactileFeet
-from nermo_sensors.models.piezoelectric import PiezoelectricParameters
-from nermo_sensors.models.piezoresistive import PiezoresistiveParameters
 from nermo_sensors.parameters import TactileParameters
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ class Rig:
         voltages = np.empty((len(force), 2))
         for row, (load, speed) in enumerate(zip(force.tolist(), frequency.tolist(), strict=True)):
             read = feet.read([load], period, speed)
-            voltages[row] = [read[cell][0] for cell in CELLS]
+            voltages[row] = [read[cell][0] for cell in BENCH_CELLS]
         low_pass = butter(4, self.cut_off, fs=self.sampling_frequency, output="sos")
         channels = [sosfilt(low_pass, channel) for channel in (force, voltages[:, 0], voltages[:, 1])]
         # The first half second shows the low-pass filter waking up, not the sensor.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-CELLS = ("piezoresistive", "piezoelectric")
+BENCH_CELLS = ("piezoresistive", "piezoelectric")
 """What the bench measures: C's two cells."""
 COLUMNS = ("time_s", "force_n", "piezoresistive_v", "piezoelectric_v")
 """Columns that a table must have."""
@@ -48,7 +48,7 @@ class BenchRecording:
 
     @property
     def readings(self) -> Array:
-        """(n, 2), one column of each of CELLS [V]."""
+        """(n, 2), one column of each of BENCH_CELLS [V]."""
         return np.stack([self.piezoresistive, self.piezoelectric], axis=1)
 
     def part(self, rows: NDArray[np.bool_] | slice) -> BenchRecording:

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from nermo_sensors.cells.piezoresistive import SoftConductance
 from nermo_sensors.estimation.bank import FilterpyBank, KalmanBank
 from nermo_sensors.estimation.contact import ContactDetector
 from nermo_sensors.estimation.health import Expected, Fault, HealthLimits, HealthMonitor
 from nermo_sensors.estimation.load_filter import LoadFilter, cell_models, make_model
 from nermo_sensors.estimation.weight import share_weight
 from nermo_sensors.models.amplifier import NonInvertingAmplifier
-from nermo_sensors.models.piezoresistive import SoftConductance
 from nermo_sensors.parameters import Noises, TactileParameters
 
 Array = NDArray[np.float64]

@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from nermo_sensors.cells.cell import CellParameters
 from nermo_sensors.estimation.bank import FilterBank, KalmanBank
 from nermo_sensors.estimation.memory import MemoryModel
 from nermo_sensors.estimation.model import CellModel, LoadModel, Reading
 from nermo_sensors.estimation.thesis import AccelerationModel, RateModel
-from nermo_sensors.models.cell import CellParameters
 from nermo_sensors.parameters import Calibration, Noises
 
 Array = NDArray[np.float64]

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from nermo_sensors.cells.piezoelectric import ChargeResponse, RateAccelerationResponse
+from nermo_sensors.cells.piezoresistive import SoftConductance
 from nermo_sensors.estimation.model import CellModel, Mask, Reading
 from nermo_sensors.models.amplifier import NonInvertingAmplifier
 from nermo_sensors.models.hysteresis import ReversalHysteresis
-from nermo_sensors.models.piezoelectric import ChargeResponse, RateAccelerationResponse
-from nermo_sensors.models.piezoresistive import SoftConductance
 from nermo_sensors.parameters import Calibration, MemoryNoise
 
 Array = NDArray[np.float64]

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nermo_sensors.cells.piezoelectric import RateAccelerationResponse, RateResponse
+from nermo_sensors.cells.piezoresistive import Sigmoid, SigmoidPair
 from nermo_sensors.estimation.model import CellModel, Mask, Reading
-from nermo_sensors.models.piezoelectric import RateAccelerationResponse, RateResponse
-from nermo_sensors.models.piezoresistive import Sigmoid, SigmoidPair
 from nermo_sensors.parameters import (
     AccelerationNoise,
     PairCalibration,

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from nermo_sensors.bench.table import BenchRecording
+from nermo_sensors.cells.piezoresistive import PiezoresistiveParameters
 from nermo_sensors.identification.fit import Fit
 from nermo_sensors.identification.piezoelectric import fit_charge, fit_rate, fit_rate_acceleration
 from nermo_sensors.identification.piezoresistive import fit_memory, fit_pair
 from nermo_sensors.models.amplifier import NonInvertingAmplifier
-from nermo_sensors.models.piezoresistive import PiezoresistiveParameters
 from nermo_sensors.parameters import Calibration, TactileParameters
 
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from nermo_sensors.bench.table import BenchRecording
+from nermo_sensors.cells.piezoelectric import ChargeResponse, RateAccelerationResponse, RateResponse
 from nermo_sensors.identification.fit import Fit, UnidentifiableError, Unknown, fit
 from nermo_sensors.identification.piezoresistive import force_rate
-from nermo_sensors.models.piezoelectric import ChargeResponse, RateAccelerationResponse, RateResponse
 from nermo_sensors.parameters import ChargeCalibration, RateAccelerationCalibration, RateCalibration
 
 Array = NDArray[np.float64]

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from nermo_sensors.bench.table import BenchRecording
+from nermo_sensors.cells.piezoresistive import LinearConductance, Sigmoid, SigmoidPair, SoftConductance
 from nermo_sensors.identification.fit import Fit, UnidentifiableError, Unknown, fit
 from nermo_sensors.models.amplifier import NonInvertingAmplifier
-from nermo_sensors.models.piezoresistive import LinearConductance, Sigmoid, SigmoidPair, SoftConductance
 from nermo_sensors.parameters import MemoryCalibration, PairCalibration, SigmoidParameters
 
 Array = NDArray[np.float64]

@@ -1,1 +1,1 @@
-"""Forward models of the tactile cells and their electronics."""
+"""Forward models of the tactile foot as a whole, and of what its cells share: electronics and memory."""

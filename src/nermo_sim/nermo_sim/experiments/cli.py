@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -35,7 +36,7 @@ def offer(app: typer.Typer, experiment: Experiment[Any]) -> None:
 
     def command(**options: Any) -> None:
         # By name, so that what runs is what stands in the registry now.
-        _run(EXPERIMENTS[experiment.name], **options)
+        _run(EXPERIMENTS[experiment.name], _Options(**options))
 
     parameters = list(_options(experiment))
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -68,34 +69,39 @@ def _repeats(repeats: Repeats) -> Any:
     return Annotated[int | None, typer.Option(min=1, help=text)]
 
 
-def _run(
-    experiment: Experiment[Any],
-    robot: str,
-    seed: int,
-    quick: bool,
-    out: Path,
-    json: Path | None,
-    workers: int | None,
-    repeats: int | None = None,
-    disturbed: bool | None = None,
-    video: bool = False,
-) -> None:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Options:
+    """What the user asks of an experiment; the last three are not options of every one."""
+
+    robot: str
+    seed: int
+    quick: bool
+    out: Path
+    json: Path | None
+    workers: int | None
+    repeats: int | None = None
+    disturbed: bool | None = None
+    video: bool = False
+
+
+def _run(experiment: Experiment[Any], asked: _Options) -> None:
     """Runs, prints, draws and writes; fails where the experiment says that it did."""
-    check_robot(robot, experiment.families)
-    settings = experiment.settings(robot, seed, quick, repeats, experiment.disturbed or bool(disturbed))
-    folder = out / experiment.name
+    check_robot(asked.robot, experiment.families)
+    disturbed = experiment.disturbed or bool(asked.disturbed)
+    settings = experiment.settings(asked.robot, asked.seed, asked.quick, asked.repeats, disturbed)
+    folder = asked.out / experiment.name
     with progress(experiment.name) as report:
-        facts = run_experiment(experiment, settings, folder, workers, report)
+        facts = run_experiment(experiment, settings, folder, asked.workers, report)
     title = f"{experiment.name}, {settings.repeats} x each, {settings.robot}, seed {settings.seed}"
     print_rows(title, facts["rows"], experiment.columns)
     if experiment.notes is not None:
         experiment.notes(facts)
-    if disturbed is not None:
-        facts["disturbed"] = disturbed
-    if pictures := experiment.draw(Outcome(facts, settings, folder, video)):
+    if asked.disturbed is not None:
+        facts["disturbed"] = asked.disturbed
+    if pictures := experiment.draw(Outcome(facts, settings, folder, asked.video)):
         facts["pictures"] = pictures
         console.print(f"pictures: {', '.join(map(str, pictures))}")
-    _write(json, experiment.name, facts, settings)
+    _write(asked.json, experiment.name, facts, settings)
     if (failure := experiment.failure(facts)) is not None:
         raise CommandError(failure)
 

@@ -7,18 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from nermo_control.gait.knowledge_base import GaitParameters
-from nermo_control.oscillators.gaits import CPG_GAITS
+from nermo_control.pantograph_gaits import PANTOGRAPH_GAITS
 from nermo_sensors.bench.walk import steady_contact
 
 Array = NDArray[np.float64]
 
-_GAITS = {"trot": GaitParameters().gaits["trot"], **CPG_GAITS}
 LAGS = {
     "pronk": (0.0, 0.0, 0.0),
     **{
         name: tuple((gait.phase_offsets[2] - gait.phase_offsets[leg]) % 1.0 for leg in (0, 1, 3))
-        for name, gait in _GAITS.items()
+        for name, gait in PANTOGRAPH_GAITS.items()
     },
 }
 """Touch-down of front left, front right and rear right after the rear left's, in cycles."""

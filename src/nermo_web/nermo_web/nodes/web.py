@@ -20,10 +20,10 @@ from nermo_node.diagnostics import OK, Diagnostics, Status
 from nermo_node.parameters import blame, declare
 from nermo_node.run import run
 from nermo_web import door
-from nermo_web.cockpit import Cockpit
 from nermo_web.nodes.live_parameters import LiveParameters
-from nermo_web.nodes.view import View, as_text
+from nermo_web.nodes.shown_topics import ShownTopics, as_text
 from nermo_web.page_server import LOOPBACK, Event, PageServer
+from nermo_web.who_drives import WhoDrives
 
 LISTEN_PERIOD_S = 0.02
 """Between two looks at what browsers did: what a command may be late by."""
@@ -55,14 +55,14 @@ class Web(Node):
             robot = load_any_robot(parameters.robot)
         self._refused = Complaints(self, "refused")
         self._driver = Driver(parameters)
-        self._cockpit = Cockpit(self._driver)
+        self._who_drives = WhoDrives(self._driver)
         self._operator = Operator(self, self._driver, self._refused.add_one)
         self._live = LiveParameters(self, self._on_parameters)
         with blame("scene"):
-            self._view = View(self, robot, parameters.scene, self._refused.add_one)
+            self._shown = ShownTopics(self, robot, parameters.scene, self._refused.add_one)
         token = "" if parameters.host in LOOPBACK else secrets.token_urlsafe(16)
         with blame("host or port"):
-            self._page = PageServer(parameters.host, parameters.port, token, self._view.scene.port)
+            self._page = PageServer(parameters.host, parameters.port, token, self._shown.scene.port)
         self._commanded_at = self._said_stop_at = 0.0
         self._news = True
         Diagnostics(self, robot.name, {"page": self._status, "messages": self._refused.status})
@@ -71,14 +71,14 @@ class Web(Node):
         # Hands and eyes work in real time, whatever the simulation's clock does.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(LISTEN_PERIOD_S, self._listen, clock=steady)
-        self.create_timer(FRAME_PERIOD_S, self._view.draw, clock=steady)
+        self.create_timer(FRAME_PERIOD_S, self._shown.draw, clock=steady)
         self.create_timer(TELL_PERIOD_S, self._tell, clock=steady)
 
     def destroy_node(self) -> None:
         """Let all browsers go."""
         if hasattr(self, "_page"):
             self._page.close()
-            self._view.scene.close()
+            self._shown.scene.close()
         super().destroy_node()
 
     # What browsers do
@@ -87,9 +87,9 @@ class Web(Node):
         while not self._page.events.empty():
             self._on_event(self._page.events.get())
         now = time.monotonic()
-        if self._operator.stop_is_news or self._cockpit.ends or now - self._commanded_at >= COMMAND_PERIOD_S:
+        if self._operator.stop_is_news or self._who_drives.ends or now - self._commanded_at >= COMMAND_PERIOD_S:
             self._commanded_at = now
-            self._operator.send(self._cockpit.command(now, self._operator.stamp()))
+            self._operator.send(self._who_drives.command(now, self._operator.stamp()))
         if now - self._said_stop_at >= STOP_PERIOD_S:
             self._said_stop_at = now
             self._operator.repeat_stop()
@@ -103,32 +103,32 @@ class Web(Node):
                 self._refused.add_one(f"viewer {viewer}: {error}")
                 self._say(viewer, str(error))
         elif event.here:
-            self._cockpit.join(viewer)
+            self._who_drives.join(viewer)
             self._page.say(as_text("hello", you=viewer, **self._choices()), viewer)
             self._page.say(as_text("parameters", nodes=self._live.table()), viewer)
         else:
-            self._cockpit.leave(viewer, at)
+            self._who_drives.leave(viewer, at)
 
     def _obey(self, viewer: int, at: float, message: door.Message) -> str:
         """Does what a viewer wants; why not, in words."""
-        cockpit = self._cockpit
+        who_drives = self._who_drives
         match message:
             case door.Stick():
-                return cockpit.stick(viewer, message, at)
+                return who_drives.stick(viewer, message, at)
             case door.Beat():
-                cockpit.beat(viewer, message.sent * 1e-3, at)
+                who_drives.beat(viewer, message.sent * 1e-3, at)
             case door.Stop():
-                cockpit.stop(at)
+                who_drives.stop(at)
                 self.get_logger().warning(f"viewer {viewer}: EMERGENCY STOP")
             case door.Release():
-                cockpit.release(at)
+                who_drives.release(at)
                 self.get_logger().info(f"viewer {viewer}: emergency stop released")
             case door.Take():
-                return cockpit.take(viewer, message, at)
+                return who_drives.take(viewer, message, at)
             case door.Settings():
-                return cockpit.change(viewer, message, at)
+                return who_drives.change(viewer, message, at)
             case door.SetParameter():
-                if refusal := cockpit.refusal(viewer, at):
+                if refusal := who_drives.refusal(viewer, at):
                     return refusal
                 self._live.set(message.node, message.name, message.value, self._answer_to(viewer))
         return ""
@@ -159,8 +159,8 @@ class Web(Node):
         }
 
     def _tell(self) -> None:
-        told = self._view.told()
-        if self._cockpit.viewers == 0:
+        told = self._shown.told()
+        if self._who_drives.viewers == 0:
             return
         driver = self._driver
         settings = {
@@ -176,9 +176,9 @@ class Web(Node):
                 "state",
                 **told,
                 stopped=driver.stopped,
-                drives=self._cockpit.who_drives(time.monotonic()),
+                drives=self._who_drives.holder(time.monotonic()),
                 posture=driver.posture.name.lower(),
-                viewers=self._cockpit.viewers,
+                viewers=self._who_drives.viewers,
                 settings=settings,
             )
         )
@@ -187,9 +187,9 @@ class Web(Node):
             self._page.say(as_text("parameters", nodes=self._live.table()))
 
     def _status(self) -> Status:
-        drives = self._cockpit.who_drives(time.monotonic())
-        values = {"viewers": self._cockpit.viewers, "drives": drives or ""}
-        return OK, f"{self._cockpit.viewers} look, {f'viewer {drives} drives' if drives else 'nobody drives'}", values
+        drives, viewers = self._who_drives.holder(time.monotonic()), self._who_drives.viewers
+        sentence = f"{viewers} look, {f'viewer {drives} drives' if drives else 'nobody drives'}"
+        return OK, sentence, {"viewers": viewers, "drives": drives or ""}
 
 
 def main() -> int:

@@ -91,23 +91,21 @@ def diagnose_command(
       simgap blind diagnose check --out results --workers 16 --threads 1
       simgap blind diagnose check --out results --threads 1 --executor dask:tcp://cluster:8786
     """
-    from simgap.blind.run import results_file, run
+    from simgap.blind.run import Plan, results_file, run
 
+    plan = Plan(
+        cases=tuple(case or ()),
+        threads=threads or None,
+        baselines=baselines,
+        answers=_hidden(folder, answers),
+        keep=keep,
+        timeout=timeout,
+        budget=budget,
+        workers=workers,
+        place=executor,
+    )
     with _refusals():
-        found = run(
-            folder,
-            out,
-            workers,
-            threads or None,
-            timeout,
-            tuple(case or ()),
-            baselines,
-            keep,
-            _hidden(folder, answers),
-            budget,
-            progress=_told,
-            place=executor,
-        )
+        found = run(folder, out, plan, _told)
     done = sum(r["status"] == "done" for r in found.values())
     typer.echo(f"{done} of {len(found)} diagnosed; {results_file(out)}")
     if any(r["status"] in ("failed", "refused") for r in found.values()):

@@ -58,27 +58,44 @@ def read_results(out: Path) -> dict[str, dict[str, Any]]:
     return found
 
 
-def run(
-    folder: Path,
-    out: Path,
-    workers: int = 1,
-    threads: int | None = None,
-    timeout: float = 1800.0,
-    cases: Sequence[str] = (),
-    baselines: bool = True,
-    keep: bool = False,
-    answers: Sequence[Path] = (),
-    budget: float | None = None,
-    only: Sequence[str] = (),
-    progress: Progress | None = None,
-    place: str = PROCESSES,
-) -> dict[str, dict[str, Any]]:
-    """Diagnose what has no result yet; a line of JSON a case is appended to ``out``/results.jsonl as it comes.
+@dataclass(frozen=True)
+class Plan:
+    """Which cases are diagnosed, how, and by how many processes.
 
-    ``cases`` are taken in this order. ``answers`` are places that must not be readable; each process tries. ``budget``
-    [s]: no case is begun later than this, and those under way are stopped then, to be resumed another time. ``keep``
-    keeps each full diagnosis.json. ``place``, as `open_pool` takes it: where the processes are started; elsewhere than
-    here, both folders must be what is found under the same paths there.
+    Attributes:
+        cases: taken in this order; all where none is named.
+        threads: of each case; None takes all processors.
+        baselines: whether the alternatives (fit everything at once) are run too.
+        only: names of the effects that are looked for; all where none is named.
+        answers: places that must not be readable; each process tries.
+        keep: whether each full diagnosis.json is kept.
+        timeout: of one case [s].
+        budget: no case is begun later than this [s], and those under way are stopped then, to be resumed another time.
+        workers: cases at a time.
+        place: as `open_pool` takes it: where the processes are started; elsewhere than here, both folders must be what
+            is found under the same paths there.
+    """
+
+    cases: Sequence[str] = ()
+    threads: int | None = None
+    baselines: bool = True
+    only: Sequence[str] = ()
+    answers: Sequence[Path] = ()
+    keep: bool = False
+    timeout: float = 1800.0
+    budget: float | None = None
+    workers: int = 1
+    place: str = PROCESSES
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What the process of a case is told."""
+        answers = [str(a) for a in self.answers]
+        return {"threads": self.threads, "baselines": self.baselines, "only": list(self.only), "answers": answers}
+
+
+def run(folder: Path, out: Path, plan: Plan, progress: Progress | None = None) -> dict[str, dict[str, Any]]:
+    """Diagnose what has no result yet; a line of JSON a case is appended to ``out``/results.jsonl as it comes.
 
     Raises:
         BlindError: no check, answers within reach, or unknown cases.
@@ -87,28 +104,27 @@ def run(
     folder, out = folder.resolve(), out.resolve()
     manifest = read_manifest(folder)
     ids = [c["id"] for c in manifest["cases"]]
-    unknown = sorted(set(cases) - set(ids))
+    unknown = sorted(set(plan.cases) - set(ids))
     if unknown:
         raise BlindError(f"case {unknown[0]!r} is not one of {ids[0]} to {ids[-1]}")
-    _refuse_reachable(folder, answers)
+    _refuse_reachable(folder, plan.answers)
     out.mkdir(parents=True, exist_ok=True)
     done = read_results(out)
-    todo = [i for i in (cases or ids) if done.get(i, {}).get("status") not in ("done", "refused")]
-    if not cases:
+    todo = [i for i in (plan.cases or ids) if done.get(i, {}).get("status") not in ("done", "refused")]
+    if not plan.cases:
         # The slow ones first, so that no worker is left alone with them at the end.
         todo.sort(key=lambda i: -sum(f.stat().st_size for f in (folder / "data" / i).glob("recording.*")))
-    options = {"threads": threads, "baselines": baselines, "only": list(only), "answers": [str(a) for a in answers]}
     begun = time.monotonic()
 
     def jobs() -> Iterator[_Job]:
         for case in todo:
-            left = float("inf") if budget is None else budget - (time.monotonic() - begun)
+            left = float("inf") if plan.budget is None else plan.budget - (time.monotonic() - begun)
             if left < 1.0:
                 return
-            yield _Job(folder / "data" / case, out, options, min(timeout, left), keep, left < timeout)
+            yield _Job(folder / "data" / case, out, plan, min(plan.timeout, left), left < plan.timeout)
 
     finished = 0
-    for job, row in run_batch(_diagnose, jobs(), max(workers, 1), place, light=True):
+    for job, row in run_batch(_diagnose, jobs(), max(plan.workers, 1), plan.place, light=True):
         finished += 1
         if job.last and row["status"] == "timeout":
             continue  # The budget stopped it, and it waits for the next call.
@@ -125,9 +141,8 @@ class _Job:
 
     case: Path
     out: Path
-    options: dict[str, Any]
+    plan: Plan
     timeout: float
-    keep: bool
     last: bool
 
 
@@ -142,10 +157,10 @@ def _refuse_reachable(folder: Path, answers: Sequence[Path]) -> None:
 
 
 def _diagnose(job: _Job) -> dict[str, Any]:
-    case, out, options = job.case, job.out, job.options
+    case, out = job.case, job.out
     started = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="blind-") as scratch:
-        command = [sys.executable, "-P", "-m", "simgap.blind.worker", str(case), scratch, json.dumps(options)]
+        command = [sys.executable, "-P", "-m", "simgap.blind.worker", str(case), scratch, json.dumps(job.plan.options)]
         environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
         row: dict[str, Any] = {"id": case.name, "status": "failed"}
         try:
@@ -164,7 +179,7 @@ def _diagnose(job: _Job) -> dict[str, Any]:
         proposed = (report.get("next_experiment") or {}).get("file")
         if proposed:
             shutil.copy(Path(scratch) / proposed, experiment_file(out, case.name))
-        if job.keep:
+        if job.plan.keep:
             (out / f"{case.name}.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     return row | {
         "status": "done",

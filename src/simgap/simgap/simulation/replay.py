@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from simgap.data.align import Aligned
 from simgap.data.plant import Plant, euler_angles
 from simgap.simulation.drive import Drive, Follow
-from simgap.simulation.servo_step import LoadFriction, ServoStep, Switch, needs_friction_step
+from simgap.simulation.extra_laws import LoadFriction, ServoStep, Switch, needs_friction_step
 from simgap.simulation.signal_path import inverse_outputs, shape_inputs
 from simgap.simulation.state import MeasuredState, measured_state
 from simgap.simulation.variant import InputPath, OutputPath, Variant
@@ -47,6 +47,48 @@ class _Row:
     fields: dict[str, NDArray[np.generic]]
     inputs: int
     state: int
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """Variants, what each of them needs, and the signals that they share."""
+
+    variants: Sequence[Variant]
+    rows: Sequence[_Row]
+    inputs: Array
+    """(npath, n, ni), as `shape_inputs` makes them."""
+    states: Sequence[MeasuredState]
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """Which variant runs in which window (n,), and how far from the measurement it starts, see `run_pairs`."""
+
+    variant: Ints
+    window: Ints
+    shift: Array | None = None
+    rate_shift: Array | None = None
+
+    def part(self, which: Ints) -> _Pairs:
+        """Some of them."""
+        shift, rate_shift = (None if s is None else s[which] for s in (self.shift, self.rate_shift))
+        return _Pairs(self.variant[which], self.window[which], shift, rate_shift)
+
+
+@dataclass(frozen=True)
+class _Simulations:
+    """Pairs under way, one simulation of the batch each."""
+
+    batch: mjbatch.Batch
+    variants: Sequence[Variant]
+    """Of each."""
+    pairs: _Pairs
+    drive: Drive
+    follow: Follow
+    history: Array
+    """(n, steps, nsensordata), filled as they run."""
+    failed: NDArray[np.bool_]
+    """Those that broke down so far."""
 
 
 class Replayer:
@@ -110,7 +152,7 @@ class Replayer:
         starts; a measured base comes last, as position, rotation about its own axes, and twist.
         """
         variants, which = self._set_up(variants, which, window)
-        rows, shared_inputs, shared_states = self._prepare(variants)
+        prepared, pairs = self._prepare(variants), _Pairs(which, window, shift, rate_shift)
         out = np.empty((len(which), len(self.windows.sample), len(self.plant.outputs)))
         per_sim = 8.0 * self._steps * (self.plant.model.nsensordata + self.plant.model.nu + self.plant.model.nv)
         size = int(np.clip(_MAX_BYTES / per_sim, 16, _MAX_SIMS))
@@ -120,11 +162,8 @@ class Replayer:
             chosen = np.flatnonzero(ways == way)
             for first in range(0, len(chosen), size):
                 part = chosen[first : first + size]
-                moved, faster = (None if s is None else s[part] for s in (shift, rate_shift))
                 with quiet_mujoco():
-                    out[part] = self._chunk(
-                        variants, rows, shared_inputs, shared_states, which[part], window[part], moved, faster, way
-                    )
+                    out[part] = self._chunk(prepared, pairs.part(part), way)
         self.simulated_seconds += len(which) * self._steps * self._dt
         return out
 
@@ -133,9 +172,8 @@ class Replayer:
         kept: dict[str, list[Array]] = {f: [] for f in fields}
         window = np.arange(len(self.windows))
         variants, which = self._set_up([variant], np.zeros(len(self.windows), np.int64), window)
-        rows, shared_inputs, shared_states = self._prepare(variants)
         with quiet_mujoco():
-            self._chunk(variants, rows, shared_inputs, shared_states, which, window, None, None, _REMEMBERS, kept)
+            self._chunk(self._prepare(variants), _Pairs(which, window), _REMEMBERS, kept)
         return {f: np.nan_to_num(np.concatenate(v)) for f, v in kept.items()}
 
     def _set_up(self, variants: Sequence[Variant], which: Ints, window: Ints) -> tuple[Sequence[Variant], Ints]:
@@ -157,7 +195,7 @@ class Replayer:
             self._states[key] = measured_state(self.plant, self.aligned, self.floor, outputs)
         return self._states[key]
 
-    def _prepare(self, variants: Sequence[Variant]) -> tuple[list[_Row], Array, list[MeasuredState]]:
+    def _prepare(self, variants: Sequence[Variant]) -> _Prepared:
         input_keys: dict[bytes, int] = {}
         state_keys: dict[bytes, int] = {}
         paths: list[InputPath] = []
@@ -173,7 +211,7 @@ class Replayer:
                 state_keys[out_key] = len(states)
                 states.append(self._measured(variant.outputs))
             rows.append(_Row(self._differences(variant.model), input_keys[key], state_keys[out_key]))
-        return rows, shape_inputs(self.aligned, paths), states
+        return _Prepared(variants, rows, shape_inputs(self.aligned, paths), states)
 
     def _differences(self, model: mujoco.MjModel) -> dict[str, NDArray[np.generic]]:
         changed = _const(model)
@@ -196,54 +234,35 @@ class Replayer:
     # -- the loop ------------------------------------------------------------------------------------------------
 
     def _chunk(
-        self,
-        variants: Sequence[Variant],
-        rows: Sequence[_Row],
-        shared_inputs: Array,
-        states: Sequence[MeasuredState],
-        which: Ints,
-        window: Ints,
-        shift: Array | None,
-        rate_shift: Array | None,
-        way: int,
-        probe: dict[str, list[Array]] | None = None,
+        self, prepared: _Prepared, pairs: _Pairs, way: int, probe: dict[str, list[Array]] | None = None
     ) -> Array:
+        rows, which, window = prepared.rows, pairs.variant, pairs.window
         batch = self._batch(rows, which)
         batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         if self._start is not None:
             batch.state[:] = self._start[window]
-        mine = [variants[v] for v in which]
+        mine = [prepared.variants[v] for v in which]
         paths = np.array([rows[v].inputs for v in which])
         origin = self.windows.start[window] - self.windows.warm_up
-        drive = Drive(self.plant, mine, paths, shared_inputs, origin, self._dt, self.aligned.period)
+        drive = Drive(self.plant, mine, paths, prepared.inputs, origin, self._dt, self.aligned.period)
         drive.limits(self._run_start[window], self._run_stop[window])
-        follow = Follow(
-            states, np.array([rows[v].state for v in which]), drive.origin, batch, late_from=self._late_from
-        )
+        states = np.array([rows[v].state for v in which])
+        follow = Follow(prepared.states, states, drive.origin, batch, late_from=self._late_from)
         history = np.empty((len(which), self._steps, self.plant.model.nsensordata))
-        failed = np.zeros(len(which), bool)
+        sims = _Simulations(batch, mine, pairs, drive, follow, history, np.zeros(len(which), bool))
         if way != _ROLLS:
-            warm = way == _REMEMBERS or self._settles(batch)
-            self._step_through(batch, mine, drive, follow, history, failed, shift, rate_shift, warm, probe)
+            self._step_through(sims, way == _REMEMBERS or self._settles(batch), probe)
         else:
-            self._roll_out(batch, drive, follow, history, failed, shift, rate_shift)
+            self._roll_out(sims)
         warned = batch.warning[:, :, 1].astype(np.int64)
-        failed |= (warned[:, list(_FATAL)] > 0).any(axis=1)
+        failed = sims.failed | (warned[:, list(_FATAL)] > 0).any(axis=1)
         outputs = self._sample(history, mine)
         outputs[failed] = np.nan
         return outputs
 
-    def _roll_out(
-        self,
-        batch: mjbatch.Batch,
-        drive: Drive,
-        follow: Follow,
-        history: Array,
-        failed: NDArray[np.bool_],
-        shift: Array | None,
-        rate_shift: Array | None,
-    ) -> None:
+    def _roll_out(self, sims: _Simulations) -> None:
         """The free run in one call, for variants whose inputs do not depend on the state."""
+        batch, drive, follow, history, failed = sims.batch, sims.drive, sims.follow, sims.history, sims.failed
         lead, period = self._lead_steps, self.aligned.period
         positions = np.arange(self._steps, dtype=np.float64) * (self._dt / period)
         if self._settles(batch):
@@ -253,7 +272,7 @@ class Replayer:
                 follow.apply(k * self._dt / period, None, None)
                 ctrl[:], forces[:] = control[:, k], applied[:, k]
                 _try(batch.step, failed)
-        follow.apply(lead * self._dt / period, shift, rate_shift)
+        follow.apply(lead * self._dt / period, sims.pairs.shift, sims.pairs.rate_shift)
         control = np.concatenate(drive.at(positions[lead:]), axis=-1)
         kinds = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
         found = {"sensordata": np.empty((len(history), self._steps - lead, history.shape[2]))}
@@ -266,23 +285,12 @@ class Replayer:
         memory = self.plant.model.na > 0 or batch.bind("history").shape[-1] > 0
         return memory or not self.state.complete(self.plant.model)
 
-    def _step_through(
-        self,
-        batch: mjbatch.Batch,
-        mine: Sequence[Variant],
-        drive: Drive,
-        follow: Follow,
-        history: Array,
-        failed: NDArray[np.bool_],
-        shift: Array | None,
-        rate_shift: Array | None,
-        warm: bool,
-        probe: dict[str, list[Array]] | None,
-    ) -> None:
+    def _step_through(self, sims: _Simulations, warm: bool, probe: dict[str, list[Array]] | None) -> None:
         """Warm-up and free run step by step, with servos and frictions that look at the state.
 
         Where nothing has a memory (not ``warm``), one step is enough to know the forces.
         """
+        batch, mine, drive, follow, history = sims.batch, sims.variants, sims.drive, sims.follow, sims.history
         servo = ServoStep(self.plant, mine, self._dt)
         friction = needs_friction_step(mine)
         law = LoadFriction(mine) if friction else None
@@ -298,7 +306,7 @@ class Replayer:
             position = k * self._dt / self.aligned.period
             if k <= self._lead_steps:
                 last = k == self._lead_steps
-                follow.apply(position, shift if last else None, rate_shift if last else None)
+                follow.apply(position, *((sims.pairs.shift, sims.pairs.rate_shift) if last else (None, None)))
             control, applied = drive.at(position)
             if servo.active:
                 control, extra = servo.step(control)
@@ -309,7 +317,7 @@ class Replayer:
             batch.qfrc_applied[:] = applied
             if law is not None and loss is not None and base_loss is not None and force is not None:
                 loss[:] = law.at(base_loss, batch.qvel, force + applied)
-            _try(batch.step, failed)
+            _try(batch.step, sims.failed)
             history[:, k] = sensors
             if probe is not None and k > self._lead_steps:
                 for field, values in probe.items():
@@ -388,18 +396,18 @@ class Replayer:
         piece_of = np.searchsorted([s for s, _ in pieces], begin, side="right") - 1
         at = np.rint((begin - origins[piece_of]) * period / dt).astype(np.int64)
         nominal = Variant.nominal(self.plant)
-        rows, shared_inputs, states = self._prepare([nominal])
+        prepared = self._prepare([nominal])
         which = np.zeros(len(pieces), np.int64)
-        batch = self._batch(rows, which)
+        batch = self._batch(prepared.rows, which)
         key = 0 if self.plant.model.nkey else -1
         batch.reset(keyframe=key, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         if moved is not None:
             batch.bind("qpos")[:] += moved
-        paths = np.full(len(pieces), rows[0].inputs)
-        drive = Drive(self.plant, [nominal] * len(pieces), paths, shared_inputs, origins, dt, period)
+        paths = np.full(len(pieces), prepared.rows[0].inputs)
+        drive = Drive(self.plant, [nominal] * len(pieces), paths, prepared.inputs, origins, dt, period)
         stops = np.array([next(r.stop for r in self.aligned.runs if r.start <= o < r.stop) for o in origins])
         drive.limits(np.array([r for _, r in pieces]), stops)
-        follow = Follow(states, which, origins, batch, stops)
+        follow = Follow(prepared.states, which, origins, batch, stops)
         found = np.zeros((len(windows), batch.nstate))
         by_step: dict[int, list[int]] = {}
         for w, k in enumerate(at):

@@ -44,7 +44,7 @@ class ConverterParameters(Parameters):
 
 
 class CellParameters(Parameters):
-    """What the file of a foot says of any cell. A new kind is a subclass that `parameters.Cells` names."""
+    """What the file of a foot says of any cell. A new kind is a subclass that `Cells` names (`cells/__init__.py`)."""
 
     feels_rest: ClassVar[bool] = True
     """Whether it feels a load that rests, and not only its changes."""

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from nermo_description.parameters import Finite, NonNegative, Positive
-from nermo_sensors.models.cell import CellParameters
+from nermo_sensors.cells.cell import CellParameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ class PiezoelectricParameters(CellParameters):
     feels_rest = False
 
     response: Literal["charge_amplifier", "rate_and_acceleration"]
-    """Which of the two laws of `models.piezoelectric` it follows."""
+    """Which of the two laws above it follows."""
     gain: Positive
     """[V/N], of the charge amplifier."""
     leak: Positive

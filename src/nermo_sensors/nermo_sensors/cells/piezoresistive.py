@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from nermo_description.parameters import Finite, NonNegative, Positive
+from nermo_sensors.cells.cell import CellParameters
 from nermo_sensors.models.amplifier import NonInvertingAmplifier
-from nermo_sensors.models.cell import CellParameters
 from nermo_sensors.models.hysteresis import Creep, PlayHysteresis
 
 _LARGEST_EXPONENT = 500.0

@@ -18,8 +18,8 @@ from nermo_description.robots import AnyRobot
 from nermo_interfaces.msg import ControlCommand, FootForces, LegLoads, ServoStates
 from nermo_node import qos
 from nermo_node.time import to_nanoseconds
-from nermo_web.figure import Figure
 from nermo_web.nodes.latest import Latest
+from nermo_web.robot_shape import RobotShape
 from nermo_web.scene import Scene
 from nermo_web.trail import Speedometer, Trail
 
@@ -31,7 +31,7 @@ WAY_PERIOD_S = 0.5
 """Between two drawings of the way, which is sent whole."""
 
 
-class View:
+class ShownTopics:
     """Follows the topics, moves the scene, and says how the mouse fares.
 
     Args:
@@ -42,8 +42,8 @@ class View:
     """
 
     def __init__(self, node: Node, robot: AnyRobot, scene: str, refuse: Callable[[str], None]) -> None:
-        self._figure = Figure(robot, scene)
-        self.scene = Scene(self._figure)
+        self._shape = RobotShape(robot, scene)
+        self.scene = Scene(self._shape)
         self._trail, self._speed = Trail(), Speedometer()
         self._way_at = 0.0
         self._angles: dict[str, float] = {}
@@ -83,12 +83,12 @@ class View:
         if not self.scene.watched:
             return
         if (servos := self._servo_states.take()) is not None:
-            self._angles |= self._figure.by_servos(dict(zip(servos.name, servos.position, strict=False)))
+            self._angles |= self._shape.by_servos(dict(zip(servos.name, servos.position, strict=False)))
         if (joints := self._joints.take()) is not None:
             self._angles |= dict(zip(joints.name, joints.position, strict=False))
         if (forces := self._foot_forces.take()) is not None:
             self._forces = np.array([(each.x, each.y, each.z) for each in forces.force], np.float32)
-        placed = self._figure.place(np.array([place.x, place.y, place.z]), turn, self._angles)
+        placed = self._shape.place(np.array([place.x, place.y, place.z]), turn, self._angles)
         self.scene.show(placed, self._forces, (place.x, place.y))
         if self._trail.news and time.monotonic() - self._way_at > WAY_PERIOD_S:
             self._way_at, self._trail.news = time.monotonic(), False

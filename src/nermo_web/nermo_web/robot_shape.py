@@ -1,4 +1,4 @@
-"""The robot's figure: the meshes of its bodies, and where bodies and tendons are for joint angles and a pose."""
+"""The robot's shape: the meshes of its bodies, and where bodies and tendons are for joint angles and a pose."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Placed:
     """[m] The feet in the order of LEGS, shape (4, 3)."""
 
 
-class Figure:
+class RobotShape:
     """A robot in a scene, moved by what topics say of it. Raises ValueError for a scene that does not exist."""
 
     def __init__(self, robot: AnyRobot, scene: str = "flat") -> None:

@@ -7,30 +7,30 @@ import pytest
 from nermo_control.driver import Driver, Limits
 from nermo_control.types import ControlCommand, Posture
 from nermo_description.silence import OWNER, STICK
-from nermo_web.cockpit import Cockpit, Lateness
 from nermo_web.door import Settings, Stick, Take
+from nermo_web.who_drives import Lateness, WhoDrives
 
 FULL_SPEED = Limits().max_forward_velocity
 ANNA, BERT = 1, 2
 
 
 class Page:
-    """A cockpit, and the browsers before it, whose clocks began at other times."""
+    """A page, and the browsers before it, whose clocks began at other times."""
 
     def __init__(self) -> None:
         self.driver = Driver(Limits(), gaits=("trot", "bound"), speed=10)
-        self.cockpit = Cockpit(self.driver)
+        self.who_drives = WhoDrives(self.driver)
         self.now = 1000.0
         for viewer in (ANNA, BERT):
-            self.cockpit.join(viewer)
+            self.who_drives.join(viewer)
 
     def press(self, viewer: int, press: int = 1, forward: float = 1.0, late: float = 0.0) -> str:
         sent = 1e3 * (self.now - late - 300.0 * viewer)
         stick = Stick(kind="stick", sent=sent, press=press, forward=forward if press else 0.0, turn=0.0)
-        return self.cockpit.stick(viewer, stick, self.now)
+        return self.who_drives.stick(viewer, stick, self.now)
 
     def command(self) -> ControlCommand | None:
-        return self.cockpit.command(self.now, 7)
+        return self.who_drives.command(self.now, 7)
 
     def speed(self) -> float | None:
         command = self.command()
@@ -47,7 +47,7 @@ def test_the_stick_drives_while_it_is_pressed_and_not_after(page: Page) -> None:
     assert page.press(ANNA) == ""
     assert page.speed() == pytest.approx(FULL_SPEED)
     page.press(ANNA, press=0)
-    assert page.cockpit.ends
+    assert page.who_drives.ends
     assert page.speed() == 0.0
     assert page.command() is None
 
@@ -66,7 +66,7 @@ def test_silence_stops_the_mouse_and_a_hand_that_still_presses_goes_on(page: Pag
 def test_a_page_that_closes_stops_the_mouse(page: Page) -> None:
     page.press(ANNA)
     assert page.speed() == pytest.approx(FULL_SPEED)
-    page.cockpit.leave(ANNA, page.now)
+    page.who_drives.leave(ANNA, page.now)
     assert page.speed() == 0.0
     assert page.command() is None
 
@@ -86,8 +86,8 @@ def test_one_drives_at_a_time(page: Page) -> None:
     page.press(ANNA)
     assert "viewer 1 drives" in page.press(BERT)
     page.now += 0.1
-    assert "viewer 1 drives" in page.cockpit.change(BERT, Settings(kind="settings", speed=1), page.now)
-    assert "viewer 1 drives" in page.cockpit.take(BERT, Take(kind="posture", posture="sit"), page.now)
+    assert "viewer 1 drives" in page.who_drives.change(BERT, Settings(kind="settings", speed=1), page.now)
+    assert "viewer 1 drives" in page.who_drives.take(BERT, Take(kind="posture", posture="sit"), page.now)
     page.press(ANNA, press=0)
     assert "viewer 1 drives" in page.press(BERT, press=2)
     page.now += OWNER.after + 0.001
@@ -100,15 +100,15 @@ def test_one_drives_at_a_time(page: Page) -> None:
 
 def test_a_stop_by_anybody_ends_the_press_and_only_a_release_the_stop(page: Page) -> None:
     page.press(ANNA)
-    page.cockpit.stop(page.now)
+    page.who_drives.stop(page.now)
     assert page.command().posture is Posture.STOP
     assert "emergency stop" in page.press(ANNA, press=2)
-    assert "emergency stop" in page.cockpit.take(ANNA, Take(kind="posture", posture="stand"), page.now)
-    page.cockpit.leave(BERT, page.now)
+    assert "emergency stop" in page.who_drives.take(ANNA, Take(kind="posture", posture="stand"), page.now)
+    page.who_drives.leave(BERT, page.now)
     page.now += 3600.0
     assert page.driver.stopped
     assert page.command().posture is Posture.STOP
-    page.cockpit.release(page.now)
+    page.who_drives.release(page.now)
     assert not page.driver.stopped
     assert page.driver.release_wanted
     page.press(ANNA, press=2)
@@ -118,17 +118,17 @@ def test_a_stop_by_anybody_ends_the_press_and_only_a_release_the_stop(page: Page
 
 
 def test_a_posture_is_commanded_for_a_moment(page: Page) -> None:
-    assert page.cockpit.take(BERT, Take(kind="posture", posture="sit"), page.now) == ""
+    assert page.who_drives.take(BERT, Take(kind="posture", posture="sit"), page.now) == ""
     assert page.command().posture is Posture.SIT
     page.now += 1.0
     assert page.command() is None
     page.press(ANNA)
-    assert page.cockpit.take(ANNA, Take(kind="posture", posture="sit"), page.now) == "let the stick go first"
+    assert page.who_drives.take(ANNA, Take(kind="posture", posture="sit"), page.now) == "let the stick go first"
     assert page.command().posture is Posture.WALK
 
 
 def test_settings_are_those_that_there_are(page: Page) -> None:
-    change = page.cockpit.change
+    change = page.who_drives.change
     assert "there is no gait 'moonwalk'" in change(ANNA, Settings(kind="settings", gait="moonwalk"), page.now)
     assert "there is no spine function 'x'" in change(ANNA, Settings(kind="settings", spine={"x": True}), page.now)
     wanted = Settings(kind="settings", gait="bound", frequency=1.5, speed=3, spine={"turning": True})

@@ -1,4 +1,4 @@
-"""The figure stands where MuJoCo has it, and the way is the way that was walked."""
+"""The robot stands where MuJoCo has it, and the way is the way that was walked."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from nermo_description.model import build_model
 from nermo_description.parameters import LEGS
 from nermo_description.robots import load_any_robot
-from nermo_web.figure import Figure
+from nermo_web.robot_shape import RobotShape
 from nermo_web.trail import JUMP_M, MOST_POINTS, STEP_M, Speedometer, Trail
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
@@ -32,9 +32,9 @@ def test_bodies_are_where_mujoco_has_them(name: str) -> None:
     turn = np.zeros(4)
     mujoco.mju_mat2Quat(turn, data.site_xmat[base])
     angles = {model.joint(number).name: float(data.qpos[model.jnt_qposadr[number]]) for number in hinges}
-    figure = Figure(robot)
-    placed = figure.place(data.site_xpos[base], 2.0 * turn, angles)
-    for body in figure.bodies:
+    shape = RobotShape(robot)
+    placed = shape.place(data.site_xpos[base], 2.0 * turn, angles)
+    for body in shape.bodies:
         assert placed.position[body] == pytest.approx(data.body(body).xpos, abs=1e-6)
         assert abs(placed.turn[body] @ data.body(body).xquat) == pytest.approx(1.0, abs=1e-6)
     feet = [data.geom(f"{leg}_foot").xpos for leg in LEGS]
@@ -48,37 +48,37 @@ def test_servos_lead_the_joints_as_in_the_model(name: str) -> None:
     """The model's own `stand`, `sit` and `crouch` are what servo positions say."""
     robot = load_any_robot(name)
     model = build_model(robot)
-    figure = Figure(robot)
+    shape = RobotShape(robot)
     for posture in ("stand", "sit", "crouch"):
-        angles = figure.by_servos(robot.posture(posture))
+        angles = shape.by_servos(robot.posture(posture))
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, model.key(posture).id)
         for leg in LEGS:
             for joint in (f"{leg}_hip_joint", f"{leg}_knee_joint"):
                 # At rest under its weight, a leg gives way a little.
                 assert angles[joint] == pytest.approx(float(data.joint(joint).qpos[0]), abs=0.15)
-    straight = figure.by_servos(robot.posture("stand"))
-    bent = figure.by_servos({"spine_lateral": robot.servos["spine_lateral"].neutral + 0.5})
+    straight = shape.by_servos(robot.posture("stand"))
+    bent = shape.by_servos({"spine_lateral": robot.servos["spine_lateral"].neutral + 0.5})
     assert straight["spine_lateral_1_joint"] == pytest.approx(0.0, abs=1e-9)
     assert bent["spine_lateral_1_joint"] > 0.02
-    assert figure.by_servos({"front_left_hip": math.nan}) == {}
+    assert shape.by_servos({"front_left_hip": math.nan}) == {}
 
 
 def test_what_is_no_number_moves_nothing() -> None:
-    figure = Figure(load_any_robot("nermo_lite"))
-    before = figure.place(np.zeros(3), UPRIGHT, {})
-    after = figure.place(np.zeros(3), UPRIGHT, {"front_left_hip_joint": math.nan, "no_such_joint": 1.0, "root": 3.0})
-    assert all((before.position[body] == after.position[body]).all() for body in figure.bodies)
+    shape = RobotShape(load_any_robot("nermo_lite"))
+    before = shape.place(np.zeros(3), UPRIGHT, {})
+    after = shape.place(np.zeros(3), UPRIGHT, {"front_left_hip_joint": math.nan, "no_such_joint": 1.0, "root": 3.0})
+    assert all((before.position[body] == after.position[body]).all() for body in shape.bodies)
 
 
 def test_parts_are_whole_meshes() -> None:
-    figure = Figure(load_any_robot("nermo_lite"))
-    assert {part.body for part in figure.parts} == set(figure.bodies)
-    for part in figure.parts:
+    shape = RobotShape(load_any_robot("nermo_lite"))
+    assert {part.body for part in shape.parts} == set(shape.bodies)
+    for part in shape.parts:
         assert part.faces.max() < len(part.vertices)
         assert np.isfinite(part.vertices).all() and np.abs(part.vertices).max() < 0.2
     with pytest.raises(ValueError, match="moon"):
-        Figure(load_any_robot("nermo_lite"), "moon")
+        RobotShape(load_any_robot("nermo_lite"), "moon")
 
 
 def test_the_way_keeps_its_ends_and_its_size() -> None:

@@ -41,7 +41,7 @@ class _Viewer:
     """Presses up to this one drive no more: they ended, by the hand, a stop or a refusal."""
 
 
-class Cockpit:
+class WhoDrives:
     """The page's one source of commands, whoever looks at it.
 
     The first viewer to press the stick drives until it has been let go for `silence.OWNER`. The stick counts only while
@@ -77,7 +77,7 @@ class Cockpit:
         if viewer == self._holder:
             self._let_go(now)
 
-    def who_drives(self, now: float) -> int | None:
+    def holder(self, now: float) -> int | None:
         """The viewer who drives, and a moment longer."""
         if self._press and now - self._heard > self._timeout:
             self._press, self._heard = 0, self._heard + self._timeout
@@ -93,7 +93,7 @@ class Cockpit:
         """Takes where somebody's stick is; why it does not drive, in words, empty where it does."""
         seen = self._viewers[viewer]
         late = seen.lateness.of(stick.sent * 1e-3, arrived)
-        holder = self.who_drives(arrived)
+        holder = self.holder(arrived)
         if stick.press == 0:
             if viewer == holder and self._press:
                 self._let_go(arrived)
@@ -149,12 +149,12 @@ class Cockpit:
 
     def refusal(self, viewer: int, now: float) -> str:
         """Why a viewer may change nothing now; empty where it may."""
-        holder = self.who_drives(now)
+        holder = self.holder(now)
         return "" if holder in (None, viewer) else f"viewer {holder} drives: only there things are changed meanwhile"
 
     def command(self, now: float, stamp: int) -> ControlCommand | None:
         """The command to send now, if any; to be asked for at a steady rate. `stamp` in ns of ROS time."""
-        self.who_drives(now)
+        self.holder(now)
         if self.driver.stopped:
             self._driving = False
             return self.driver.command(stamp, 0.0, 0.0)
