@@ -18,6 +18,10 @@ CHECKS = {"style": ["ruff", "check"], "format": ["ruff", "format", "--check"], "
 """What is checked before the tests; `.pre-commit-config.yaml` has the same."""
 
 
+_PARALLEL = ["-n", str(len(os.sched_getaffinity(0))), "--dist", "worksteal"]
+"""Some tests take minutes and most take none: whoever has finished takes over what waits behind another's long one."""
+
+
 @dataclass
 class Count:
     """What became of the tests."""
@@ -72,7 +76,7 @@ def run_all(root: Path, *, quick: bool, pytest_arguments: Sequence[str]) -> int:
     collected = False
     with tempfile.TemporaryDirectory(prefix="nermo_test_") as folder:
         for name, marker, options in (
-            ("tests without ROS, in parallel", "not ros", ["-n", str(len(os.sched_getaffinity(0)))]),
+            ("tests without ROS, in parallel", "not ros", _PARALLEL),
             ("tests with a ROS graph, one by one", "ros", []),
         ):
             _announce(name)
