@@ -25,6 +25,8 @@ LONGEST_GAP = 0.1
 WEIGHT_ERROR = 0.15
 """Standard deviation of mass times the IMU's acceleration from what the feet bear, over it [1]. On the walking twin it
 is 0.14: the IMU sits in one of two bodies."""
+WEIGHT_ERROR_AT_REST = 0.05
+"""The same of a robot that does not walk: what its mass is known to (chosen: a battery or a cable more or less)."""
 WEIGHT_FLOOR = 1e-2
 """Least variance of that [N^2]."""
 LATE = 100_000_000
@@ -103,10 +105,11 @@ class LegLoadEstimator:
         """Takes the readings [V] of a stamp [ns] by cell, one a foot; NaN where there is none.
 
         A cell that is not named has no reading; one that the feet do not have is not used. `frequency` of the gait
-        [rad/s]; `swing` says which legs are in the air by intention: a foot without a cell that feels a resting load is
-        set to no load there, so that the others do not drift. `weight` [N] is what all feet bear
-        together, as the IMU says (`weight.felt_weight`), where that is known. Returns None before the second
-        sample, and the last estimate for a sample that is late or repeated.
+        [rad/s], None where the robot does not walk; `swing` says which legs are in the air by intention, None where
+        nobody says: a foot without a cell that feels a resting load is set to no load there, so that the others do not
+        drift. `weight` [N] is what
+        all feet bear together, as the IMU says (`weight.felt_weight`), where that is known. Returns None before the
+        second sample, and the last estimate for a sample that is late or repeated.
 
         Raises ValueError where a channel has a wrong number of readings.
         """
@@ -130,7 +133,8 @@ class LegLoadEstimator:
         if air is not None and not feels_rest.all():
             self._rest(air & ~feels_rest)
         self._repair()
-        self._loads = self._answer(stamp, weight)
+        rests = swing is not None and not frequency
+        self._loads = self._answer(stamp, weight, WEIGHT_ERROR_AT_REST if rests else WEIGHT_ERROR)
         return self._loads
 
     def broken(self) -> list[tuple[int, int, Fault]]:
@@ -174,10 +178,10 @@ class LegLoadEstimator:
             self._filters.clear()
             self.restarts += 1
 
-    def _answer(self, stamp: int, weight: float | None) -> LegLoads:
+    def _answer(self, stamp: int, weight: float | None, weight_error: float) -> LegLoads:
         load, variance = self._filters.load, self._filters.variance
         if weight is not None and math.isfinite(weight):
-            load, variance = share_weight(load, variance, weight, (WEIGHT_ERROR * weight) ** 2 + WEIGHT_FLOOR)
+            load, variance = share_weight(load, variance, weight, (weight_error * weight) ** 2 + WEIGHT_FLOOR)
         probability = self._contact.step(stamp, load, variance)
         return LegLoads(
             stamp,

@@ -8,6 +8,7 @@ import numpy as np
 
 from nermo_control.controller import Controller
 from nermo_control.gait.knowledge_base import GaitParameters
+from nermo_control.types import ControlCommand
 from nermo_description.parameters import LEGS
 from nermo_description.robots import load_robot
 from nermo_sensors.bench.walk import judge_walk
@@ -23,14 +24,19 @@ SETTLE = 2.0
 
 
 def walk_and_feel(
-    robot: str, duration: float, estimator: str = "memory", seed: int = 0, weigh: bool = True
+    robot: str,
+    duration: float,
+    estimator: str = "memory",
+    seed: int = 0,
+    weigh: bool = True,
+    command: ControlCommand = WALK,
 ) -> FeltLoads:
-    """The ideal trot for a time [s], felt; `seed` is of the feet."""
+    """The ideal trot for a time [s], or another `command`, felt; `seed` is of the feet."""
     parameters = load_robot(robot)
     twin = Twin(parameters)
     felt = FeltLoads(twin, tactile_of_robot(robot), estimator, seed, weigh)
     loop = Loop(twin, Controller(parameters, GaitParameters(), twin.period_ns), felt.step)
-    loop.run(constant(WALK), duration, record=False)
+    loop.run(constant(command), duration, record=False)
     return felt
 
 
