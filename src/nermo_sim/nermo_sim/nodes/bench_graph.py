@@ -192,5 +192,5 @@ class Probe:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name.startswith("mujoco_sim:"):
+            if status.name == "mujoco_sim: twin":
                 self._status = {pair.key: pair.value for pair in status.values}
