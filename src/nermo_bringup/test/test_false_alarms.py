@@ -8,9 +8,9 @@ import pytest
 from nermo_control.controller import Controller
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.types import ControlCommand, Posture
-from nermo_description.battery import Battery
+from nermo_description.battery_model import Battery
 from nermo_description.robots import load_robot
-from nermo_hw.safety.causes import Cause, State
+from nermo_hw.safety.rules import Cause, State
 from nermo_hw.safety.supervisor import SafetySupervisor
 from nermo_hw.types import Fault, SensorSample
 from nermo_sim.nodes.mujoco_sim import TYPICAL_NOISE

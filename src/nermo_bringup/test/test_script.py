@@ -16,6 +16,7 @@ from nermo_control.types import ControlCommand, Posture, SpineModes, TrajectoryM
 from nermo_description.parameter_files import ParameterError
 from nermo_interfaces.msg import ControlCommand as ControlCommandMessage
 from nermo_interfaces.msg import ServoCommand
+from nermo_node.recording_reader import Recording
 
 WALK = """
 description: stand, trot, sit
@@ -135,18 +136,19 @@ def test_a_file_that_holds_nothing_to_play_is_refused(tmp_path: Path, text: str)
         load_script(write(tmp_path, text))
 
 
-def record(directory: Path) -> Path:
+def record(directory: Path, schema: str = ros2msg("nermo_interfaces/msg/ControlCommand"), cut: int = 0) -> Path:
+    """``cut``: bytes at the end of a control command that the schema does not have."""
     bag = BagWriter(directory / "walk")
-    controls = Topic(
-        "/nermo/control_command", "nermo_interfaces/msg/ControlCommand", ros2msg("nermo_interfaces/msg/ControlCommand")
-    )
+    controls = Topic("/nermo/control_command", "nermo_interfaces/msg/ControlCommand", schema)
     servos = Topic(
         "/nermo/servo_command", "nermo_interfaces/msg/ServoCommand", ros2msg("nermo_interfaces/msg/ServoCommand")
     )
     for second in range(3):
         control = ControlCommandMessage(forward_velocity=0.01 * second, posture=0, gait="trot")
+        control.spine_modes.turning = True
         control.header.stamp.sec = 100 + second
-        bag.write(controls, second, second, second, serialize_message(control))
+        data = serialize_message(control)
+        bag.write(controls, second, second, second, data[: len(data) - cut])
         servo = ServoCommand(name=["a", "b"], position=[0.1 * second, 0.2])
         servo.header.stamp.sec = 100 + second
         bag.write(servos, second, second, second, serialize_message(servo))
@@ -158,9 +160,19 @@ def test_the_commands_of_a_recording_are_timed_by_their_stamps(tmp_path: Path) -
     path = record(tmp_path)
     script = load_script(path)
     assert script.duration == 2 * SECOND
-    assert script.control_at(SECOND, 5) == ControlCommand(5, 0.01, gait="trot")
+    assert script.control_at(SECOND, 5) == ControlCommand(5, 0.01, gait="trot", spine_modes=SpineModes(turning=True))
     servos = load_script(path, "servo")
     assert servos.servos_at(2 * SECOND) == {"a": pytest.approx(0.2), "b": 0.2}
+
+
+def test_a_recording_from_before_a_spine_function_existed_plays_without_it(tmp_path: Path) -> None:
+    today = ros2msg("nermo_interfaces/msg/ControlCommand")
+    before = "\n".join(line for line in today.splitlines() if not line.startswith("bool balance_compensation"))
+    assert before != today
+    path = record(tmp_path, before, cut=1)
+    columns = Recording(path).read()["/nermo/control_command"].columns
+    assert "spine_modes.turning" in columns and "spine_modes.balance_compensation" not in columns
+    assert load_script(path).control_at(SECOND, 5).spine_modes == SpineModes(turning=True)
 
 
 def test_a_recording_without_commands_says_so(tmp_path: Path) -> None:

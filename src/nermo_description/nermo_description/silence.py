@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Silence:
-    """One row. Times of sensors and of the device are in the supervisor's table of causes."""
+    """One row. How long sensors and the device may fail is in the supervisor's table of rules."""
 
     of: str
     """What does not come."""
@@ -57,8 +57,14 @@ OWNER = Silence(
     "commands of the sender that is obeyed", 0.5, "another one may command", "longer than it takes to stand"
 )
 GONE = Silence("an end of the link", 5.0, "it is gone, and its stops with it", "ten times what counts as connected")
+WATCHDOG = Silence(
+    "exchanges with a board",
+    0.5,
+    "the board makes its servos limp by itself",
+    "nobody is left who could hold or crouch; the board's register `watchdog` sets it",
+)
 
-SILENCES = (HOLD, CROUCH, AWAY, STICK, WALK, TARGETS, OWNER, LINK, GONE)
+SILENCES = (HOLD, CROUCH, AWAY, STICK, WALK, TARGETS, OWNER, LINK, GONE, WATCHDOG)
 
 
 def table() -> str:

@@ -27,7 +27,6 @@ from nermo_hw.link.clock import SteadyClock
 from nermo_hw.link.config import DEFAULT, LinkConfig, Side, Topic, load_link
 from nermo_hw.link.end import LinkEnd
 from nermo_hw.link.intake import CommandIntake
-from nermo_hw.link.log_tap import LogTap
 from nermo_hw.link.messages import SensorMessages, decode_bool, decode_command
 from nermo_hw.link.transport import LinkError, Transport
 from nermo_hw.robot_report import Report
@@ -308,7 +307,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     end = RobotEnd(robot, link, line, settings, clock, options.log, release=options.release)
     if link.keys is not None:
-        LogTap(end.turned_away)
+        end.link.tell_refused(end.turned_away)
     else:
         sys.stderr.write("robot_end: the link has no keys: whoever reaches this machine may command the robot\n")
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from nermo_hw.link.intake import CommandIntake
 from nermo_hw.link.messages import encode_diagnostics
-from nermo_hw.safety.causes import Cause, State
+from nermo_hw.safety.rules import Cause, State
 from nermo_hw.safety.supervisor import Output, SafetySupervisor
 
 OK, WARN, ERROR = 0, 1, 2

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from nermo_description.battery import BatteryModel
+from nermo_description.battery_model import BatteryModel
 from nermo_description.feet import named_readings
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_hw.types import Array, SensorSample

@@ -41,15 +41,15 @@ from pathlib import Path
 from nermo_hw.link.clock import SteadyClock
 from nermo_hw.link.config import LinkConfig, Side
 from nermo_hw.link.end import LinkEnd
-from nermo_hw.link.log_tap import LogTap
 
 def say(text):
     sys.stderr.write(text + "\\n")
     sys.stderr.flush()
 
-LogTap(lambda sentence: say("away: " + sentence))
 config = LinkConfig.model_validate_json(sys.argv[1])
-with LinkEnd(config, Side.ROBOT, lambda topic, payload, _: say("got: " + topic.name), SteadyClock()):
+end = LinkEnd(config, Side.ROBOT, lambda topic, payload, _: say("got: " + topic.name), SteadyClock())
+end.tell_refused(lambda sentence: say("away: " + sentence))
+with end:
     say("ready")
     sys.stdin.read()
 """

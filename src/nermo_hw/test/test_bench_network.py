@@ -13,7 +13,7 @@ from nermo_hw.bench.faults import INJECTIONS, gait
 from nermo_hw.bench.link import Row, measure
 from nermo_hw.bench.network import Network, NoNamespacesError
 from nermo_hw.bench.rig import Rig
-from nermo_hw.safety.causes import Cause, State
+from nermo_hw.safety.rules import Cause, State
 
 pytestmark = pytest.mark.ros  # one by one: watchdogs and time-outs of real processes do not go with a busy processor
 

@@ -6,10 +6,14 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+import yaml
 from emulated import until
 from link_rig import PATIENCE_S, WITHOUT_ROS, Rig, Workstation
+
+from nermo_hw.link.config import DEFAULT
 
 pytestmark = pytest.mark.ros  # one by one: watchdogs and time-outs of real processes do not go with a busy processor
 
@@ -128,3 +132,32 @@ def test_wrong_usage_is_said_in_one_sentence(arguments: list[str], status: int, 
     assert done.returncode == status
     assert words in done.stderr
     assert "Traceback" not in done.stderr
+
+
+RADIO = """
+import sys
+from nermo_hw.link.transport import LinkError
+from nermo_hw.link.transports import TRANSPORTS, Carrier
+from nermo_hw.robot_end import main
+
+class Radio:
+    def __init__(self, config, side): pass
+    def tell_refused(self, refused): sys.stderr.write("tells\\n")
+    def open(self, receive, answer): raise LinkError("no antenna")
+    def close(self): pass
+
+TRANSPORTS["radio"] = Carrier(True, "__main__:Radio")
+sys.modules["zenoh"] = None
+sys.exit(main())
+"""
+
+
+def test_another_transport_that_encrypts_needs_no_zenoh(tmp_path: Path) -> None:
+    settings = yaml.safe_load(DEFAULT.read_text())
+    settings["keys"] = "keys"
+    settings["robot"]["endpoints"] = settings["workstation"]["endpoints"] = ["radio/here"]
+    link = tmp_path / "link.yaml"
+    link.write_text(yaml.safe_dump(settings))
+    words = ["--port", "/dev/null", "--link", str(link)]
+    done = subprocess.run([sys.executable, "-c", RADIO, *words], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stderr) == (1, "tells\nrobot_end: no antenna\n")

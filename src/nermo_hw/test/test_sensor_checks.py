@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from standing import NEUTRAL, ROBOT, SAMPLE, SERVOS
 from test_supervisor import Walk
 
-from nermo_hw.safety.causes import RULE_OF, Cause, State
 from nermo_hw.safety.new_walk import STAND_FOR
+from nermo_hw.safety.rules import RULE_OF, Cause, State
 from nermo_hw.safety.sensor_checks import Finding, SensorChecks, rotated, turn
 from nermo_hw.safety.supervisor import SafetySettings
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from standing import BEGIN, NEUTRAL, ROBOT, SAMPLE, SERVOS
 
-from nermo_hw.safety.causes import RULE_OF, RULES, Cause, State, table
+from nermo_hw.safety.rules import RULE_OF, RULES, Cause, State, table
 from nermo_hw.safety.supervisor import Output, RefusedCommandError, SafetySettings, SafetySupervisor
 from nermo_hw.types import Fault, SensorSample
 

@@ -83,7 +83,7 @@ def test_costs_are_ratios_to_the_baseline() -> None:
 )
 def test_costs_that_make_no_sense_are_wrong_usage(cost: str, weights: str, complaint: str) -> None:
     with pytest.raises(CommandError, match=complaint) as caught:
-        weights_of(cost, weights)  # type: ignore[arg-type]
+        weights_of(cost, weights)
     assert caught.value.status == 2
 
 

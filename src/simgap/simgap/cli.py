@@ -25,6 +25,7 @@ from simgap.console import (
     warn_of_guess,
     write_diagnosis,
 )
+from simgap.data.formats import BAGS, TABLES, listed
 from simgap.execution.executors import HELP as EXECUTOR
 from simgap.execution.executors import PROCESSES
 
@@ -38,7 +39,7 @@ app = typer.Typer(
 app.add_typer(blind_app)
 
 Recordings = Annotated[
-    list[Path], typer.Argument(help="Tables (.csv, .npz, .parquet), LeRobot datasets, or bags (.mcap, .db3).")
+    list[Path], typer.Argument(help=f"Tables ({listed(TABLES)}), LeRobot datasets, or bags ({listed(BAGS)}).")
 ]
 Model = Annotated[Path, typer.Option(help="The nominal model, an MJCF.")]
 MapFile = Annotated[Path, typer.Option("--map", help="YAML that maps columns or topics to actuators and sensors.")]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import mujoco
 import numpy as np
@@ -15,6 +15,7 @@ from simgap.data.noise_floor import noise_floor
 from simgap.data.plant import Plant
 from simgap.data.recording import recording_from_table
 from simgap.inference.residual import Residuals, channel_gap
+from simgap.simulation.extra_laws import SHAPES, needs_past, needs_step
 from simgap.simulation.integration import finer
 from simgap.simulation.replay import Replayer
 from simgap.simulation.variant import Variant
@@ -146,6 +147,19 @@ def test_stribeck_friction_lies_between_its_limits() -> None:
     assert np.abs(outputs[1] - outputs[0]).max() > 1e-2
     np.testing.assert_allclose(outputs[2], outputs[1], atol=1e-9)
     np.testing.assert_allclose(outputs[3], outputs[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("path", ["servos", "friction"])
+def test_every_law_that_acts_makes_its_variant_be_stepped(path: str) -> None:
+    nominal = Variant.nominal(plant_of("leg"))
+    assert not needs_step(nominal) and not needs_past(nominal)
+    names = {field.name for field in fields(getattr(nominal, path))}
+    for name in names:
+        variant = nominal.copy()
+        changed = getattr(variant, path)
+        setattr(changed, name, getattr(changed, name) + True)
+        assert needs_step(variant) == (name not in SHAPES), name
+        assert name not in SHAPES or SHAPES[name] in names - SHAPES.keys(), f"{name} shapes no law"
 
 
 def test_sensor_paths_are_undone_at_the_start_of_a_window() -> None:

@@ -191,7 +191,9 @@ def recorded_script(recording: Recording, commands: Literal["control", "servo"])
 
 
 def _control(data: TopicData, row: int) -> ControlCommand:
-    spine = SpineModes(**{name: bool(data[f"spine_modes.{name}"][row]) for name in SPINE_FUNCTIONS})
+    # A function that did not exist when this was recorded was off.
+    recorded = {name: data.columns.get(f"spine_modes.{name}") for name in SPINE_FUNCTIONS}
+    spine = SpineModes(**{name: values is not None and bool(values[row]) for name, values in recorded.items()})
     return ControlCommand(
         stamp=0,
         forward_velocity=float(data["forward_velocity"][row]),

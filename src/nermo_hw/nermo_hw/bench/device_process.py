@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from nermo_description.battery import BatteryModel
+from nermo_description.battery_model import BatteryModel
 from nermo_description.robots import load_robot
 from nermo_hw.device.device import Device
 from nermo_hw.device.emulator import Emulator, control_path

@@ -15,10 +15,10 @@ import numpy as np
 
 from nermo_description.parameters import RobotParameters
 from nermo_description.results import CommandError
+from nermo_description.silence import WATCHDOG
 from nermo_hw.bench.rig import Rig
-from nermo_hw.safety.causes import RULE_OF, Cause, State
+from nermo_hw.safety.rules import RULE_OF, Cause, State
 from nermo_hw.safety.sensor_checks import SMOOTHING
-from nermo_hw.sbcp.boards import WATCHDOG
 
 MARGIN_S = 0.2
 """A state that comes later than its time and this is late: two control ticks, one exchange, and a busy machine."""
@@ -67,7 +67,7 @@ class Injection:
     @property
     def within(self) -> float:
         """Time that it may take [s]."""
-        after = WATCHDOG if self.cause is None else RULE_OF[self.cause].after
+        after = WATCHDOG.after if self.cause is None else RULE_OF[self.cause].after
         return self.delay + after + MARGIN_S
 
 

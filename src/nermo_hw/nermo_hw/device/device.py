@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from nermo_description.battery import Battery
+from nermo_description.battery_model import Battery
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_hw.device.board import Board, BodyBoard, ServoBoard
 from nermo_hw.device.fault_injection import FaultError, FaultyLine, LineFaults, names_only

@@ -18,7 +18,7 @@ from nermo_hw.link import stamp
 from nermo_hw.link.clock import LinkClock
 from nermo_hw.link.config import LinkConfig, Side, Topic
 from nermo_hw.link.heartbeat import Ping, Pong
-from nermo_hw.link.transport import LinkError, Transport
+from nermo_hw.link.transport import LinkError, Refused, Transport
 from nermo_hw.link.transports import transport_at
 
 LARGEST_NUMBER_OF_ENDS = 16
@@ -94,6 +94,10 @@ class LinkEnd:
         self.counters: Counter[str] = Counter()
 
     # Life
+
+    def tell_refused(self, refused: Refused) -> None:
+        """Before it is opened: who is turned away is told from now on, as `Transport` says. Once a process."""
+        self._transport.tell_refused(refused)
 
     def open(self, beating: bool = True) -> None:
         """Opens the connection and begins with the heartbeats. Raises LinkError.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from nermo_hw.link.config import Side
-from nermo_hw.link.transport import Answer, Receive
+from nermo_hw.link.transport import Answer, Receive, Refused
 
 
 class Loopback:
@@ -47,6 +47,9 @@ class LoopbackTransport:
     def peers(self) -> list[str]:
         """As `Transport` says."""
         return [end._side.value for end in self._others()]
+
+    def tell_refused(self, refused: Refused) -> None:
+        """As `Transport` says: nobody is ever turned away."""
 
     def _others(self) -> list[LoopbackTransport]:
         if self._wire.cut or self not in self._wire.ends:

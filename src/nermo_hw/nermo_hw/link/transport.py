@@ -8,6 +8,9 @@ from typing import Protocol
 Receive = Callable[[str, bytes, bytes], None]
 """Gets key, payload and note of each message that came."""
 
+Refused = Callable[[str], None]
+"""Gets a sentence each time that somebody was turned away, from any thread."""
+
 Answer = Callable[[bytes], bytes]
 """Gets the note of a question and answers it."""
 
@@ -33,3 +36,6 @@ class Transport(Protocol):
 
     def peers(self) -> list[str]:
         """Who is connected, as far as is known."""
+
+    def tell_refused(self, refused: Refused) -> None:
+        """Tells it from now on, where the transport has a log that says so; this may take over the process's stdout."""

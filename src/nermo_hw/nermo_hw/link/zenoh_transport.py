@@ -9,8 +9,9 @@ from typing import Any
 import zenoh
 
 from nermo_hw.link.config import LinkConfig, Side, Topic
+from nermo_hw.link.log_tap import LogTap
 from nermo_hw.link.session import PRIORITIES, open_session
-from nermo_hw.link.transport import Answer, LinkError, Receive
+from nermo_hw.link.transport import Answer, LinkError, Receive, Refused
 
 EVENT_QOS = ":1:1:1,1"
 DEFAULT_QOS = ":1:0:1,10"
@@ -77,6 +78,10 @@ class ZenohTransport:
             with contextlib.suppress(zenoh.ZError):
                 return sorted({str(link.auth_identifier or link.dst) for link in session.info.links()})
         return []
+
+    def tell_refused(self, refused: Refused) -> None:
+        """As `Transport` says: from zenoh's log."""
+        LogTap(refused)
 
     def _declare(self, session: zenoh.Session, receive: Receive, answer: Answer) -> None:
         config, side = self._config, self._side

@@ -16,7 +16,7 @@ from sensor_msgs.msg import BatteryState, Imu
 from std_msgs.msg import Bool
 
 from nermo_description.robots import load_robot
-from nermo_hw.safety.causes import Cause, State
+from nermo_hw.safety.rules import Cause, State
 from nermo_hw.safety.supervisor import Output, SafetySettings, SafetySupervisor
 from nermo_hw.types import Array, Fault, SensorSample
 from nermo_interfaces.msg import ServoCommand, ServoStates

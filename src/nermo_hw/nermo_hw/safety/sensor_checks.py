@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_description.parameters import RobotParameters
-from nermo_hw.safety.causes import RANGE_MARGIN, SPEED_FACTOR, Cause
+from nermo_hw.safety.rules import RANGE_MARGIN, SPEED_FACTOR, Cause
 from nermo_hw.types import Array, SensorSample
 
 SENSOR_CAUSES = (

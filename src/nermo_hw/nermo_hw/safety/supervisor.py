@@ -14,8 +14,8 @@ from nermo_description.emergency_stops import EmergencyStops
 from nermo_description.parameters import RobotParameters
 from nermo_description.servo_command import RefusedCommandError, ServoCommandDoor
 from nermo_description.silence import HOLD
-from nermo_hw.safety.causes import RULE_OF, RULES, Cause, Rule, State
 from nermo_hw.safety.new_walk import NewWalk
+from nermo_hw.safety.rules import RULE_OF, RULES, Cause, Rule, State
 from nermo_hw.safety.sensor_checks import SENSOR_CAUSES, SensorChecks
 from nermo_hw.safety.servo_limits import ServoLimits
 from nermo_hw.types import LATCHED, Array, SensorSample, ServoTargets
@@ -42,7 +42,7 @@ def _limit(cause: Cause, description: str, **bounds: Any) -> Any:
 
 
 class SafetySettings(BaseModel):
-    """What may be set; by default the limits are those of the table of causes, which has the times too."""
+    """What may be set; by default the limits are those of the table of rules, which has the times too."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS
+from nermo_description.silence import WATCHDOG
 from nermo_hw.sbcp.packet import DeviceClass
 from nermo_hw.sbcp.registers import Access, Kind, Register
 
@@ -47,8 +48,6 @@ REPLY_DELAY = 10e-6
 """From the end of a packet to the begin of the answer [s] (C 5.3.2)."""
 SLAVE_TIMEOUT = 20e-6
 """Silence after which the bus controller gives a slave up [s] (C 5.3.2)."""
-WATCHDOG = 0.5
-"""Silence of the bus controller after which servos go limp, unless the register `watchdog` says otherwise [s]."""
 LOOP_PERIOD_NS = 1_000_000
 """Of a board's main loop: PID, sensors, trajectory interpolation."""
 
@@ -125,7 +124,7 @@ SERVO_BOARD_REGISTERS = (
         Kind.U16,
         Access.STORED,
         "servos go limp when no exchange came for so long",
-        default=round(WATCHDOG * 1e3),
+        default=round(WATCHDOG.after * 1e3),
         lower=20,
         upper=10_000,
         unit="ms",

@@ -10,7 +10,10 @@ Array = NDArray[np.float64]
 
 
 class ContactDetector:
-    """Contact is a load above `threshold` [N]; a change is an event once it is more likely than `certainty`."""
+    """Contact is a load above `threshold` [N]; a change is an event once it is more likely than `certainty`.
+
+    The threshold is `contact_force` of the robot's file in `parameters/`, unless the node's parameter says another.
+    """
 
     def __init__(self, count: int, threshold: float, certainty: float = 0.9) -> None:
         if not 0.5 < certainty < 1.0:

@@ -16,7 +16,6 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 
 from nermo_description.results import CommandError
 from nermo_interfaces.msg import ControlCommand, MotionCommand, ServoCommand, ServoStates
@@ -130,11 +129,10 @@ class Probe:
         self._executor = EventsExecutor(context=self._context)  # light: it shares the processor with what it measures
         self._executor.add_node(self._node)
         self._commands = self._node.create_publisher(ControlCommand, "control_command", qos.COMMAND)
-        hearing = QoSProfile(depth=100)
-        self._node.create_subscription(MotionCommand, "motion_command", self._on_motion_command, hearing)
-        self._node.create_subscription(ServoCommand, "servo_command", self._on_servo_command, hearing)
-        self._node.create_subscription(ServoStates, "servo_states", self._on_servo_states, hearing)
-        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, hearing)
+        self._node.create_subscription(MotionCommand, "motion_command", self._on_motion_command, qos.EVENT)
+        self._node.create_subscription(ServoCommand, "servo_command", self._on_servo_command, qos.EVENT)
+        self._node.create_subscription(ServoStates, "servo_states", self._on_servo_states, qos.SENSOR)
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.EVENT)
         self._unanswered: int | None = None
         self._ticks = 0
         self._status: dict[str, str] = {}
@@ -150,8 +148,8 @@ class Probe:
         self.spin(WARM_UP)
 
     def hear(self, message: Any, topic: str, callback: Callable[[Any], None]) -> None:
-        """Subscribes to one more topic."""
-        self._node.create_subscription(message, topic, callback, QoSProfile(depth=100))
+        """Subscribes to one more topic of sensor data."""
+        self._node.create_subscription(message, topic, callback, qos.SENSOR)
 
     def clear(self) -> None:
         """Forgets what was measured."""
@@ -194,5 +192,5 @@ class Probe:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name.startswith("mujoco_sim:"):
+            if status.name == "mujoco_sim: twin":
                 self._status = {pair.key: pair.value for pair in status.values}

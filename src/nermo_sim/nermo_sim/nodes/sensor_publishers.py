@@ -15,7 +15,7 @@ from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Imu, JointState
 
-from nermo_description.battery import Battery
+from nermo_description.battery_model import Battery
 from nermo_description.feet import named_readings
 from nermo_interfaces.msg import FootForces, ServoStates, Tactile
 from nermo_node import qos

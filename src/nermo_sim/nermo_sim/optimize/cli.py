@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from nermo_sim.optimize.costs import COSTS, LIMIT_CYCLE, PARTS
 from nermo_sim.options import RESULTS, Executor, Json, Quick, SearchRequest, Seed, Workers, check_robot
 
 optimize_app = typer.Typer(
@@ -18,9 +19,11 @@ optimize_app = typer.Typer(
 def optimize(
     cost: Annotated[
         str,
-        typer.Option(help="speed, roll, cot (cost of transport), or mix: a weighted mean; limit-cycle: cheetah_cub's."),
+        typer.Option(help="; ".join(f"{name}: {meaning}" for name, meaning in COSTS.items()) + "."),
     ] = "speed",
-    weights: Annotated[str, typer.Option(help="Of a mix, as in speed=1,roll=2,cot=0.5; all 1 by default.")] = "",
+    weights: Annotated[
+        str, typer.Option(help=f"Of a mix of {', '.join(PARTS)}, as in speed=1,roll=2; all 1 by default.")
+    ] = "",
     least_speed: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Share of the thesis's speed below which a set is punished.")
     ] = 0.9,
@@ -60,7 +63,7 @@ def optimize(
     nermo optimize --cost limit-cycle --generations 40      (C 3.2.4: staged fitness, particle swarm)
     """
     from nermo_sim.optimize.gait_command import GaitSearch, search_gait
-    from nermo_sim.optimize.limit_cycle_command import LIMIT_CYCLE, search_limit_cycle
+    from nermo_sim.optimize.limit_cycle_command import search_limit_cycle
 
     request: dict[str, Any] = {
         "robot": robot or ("cheetah_cub" if cost == LIMIT_CYCLE else "nermo_lite"),

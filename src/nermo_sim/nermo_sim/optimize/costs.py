@@ -2,15 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import TYPE_CHECKING
 
 from nermo_description.results import CommandError
-from nermo_sim.optimize.rollout import Metrics
 
-Cost = Literal["speed", "roll", "cot", "mix"]
-PARTS = ("speed", "roll", "cot")
+if TYPE_CHECKING:
+    from nermo_sim.optimize.rollout import Metrics
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A cost by itself, or one of a mix."""
+
+    meaning: str
+    ratio: Callable[[Metrics, Metrics], float]
+    """Of a rollout's metrics and the baseline's; less is better."""
+
+
+PARTS = {
+    "speed": Part("time for a metre", lambda run, baseline: baseline["speed_m_s"] / run["speed_m_s"]),
+    "roll": Part("deviation of roll", lambda run, baseline: run["roll_sd_deg"] / baseline["roll_sd_deg"]),
+    "cot": Part("cost of transport", lambda run, baseline: run["cost_of_transport"] / baseline["cost_of_transport"]),
+}
+LIMIT_CYCLE = "limit-cycle"
+COSTS = {name: part.meaning for name, part in PARTS.items()} | {
+    "mix": "a weighted mean of these",
+    LIMIT_CYCLE: "cheetah_cub's own",
+}
+"""What each word of --cost means."""
 WORST = 10.0
 """No part is worse than this, and a fall is as bad."""
 SLOWNESS = 20.0
@@ -18,15 +39,10 @@ SLOWNESS = 20.0
 
 
 def parts(metrics: Metrics, baseline: Metrics) -> dict[str, float]:
-    """Time for a metre, deviation of roll and cost of transport over the baseline's."""
+    """Each part's ratio to the baseline."""
     if metrics["fell"] or metrics["speed_m_s"] <= 0.0:
         return dict.fromkeys(PARTS, WORST)
-    ratios = {
-        "speed": baseline["speed_m_s"] / metrics["speed_m_s"],
-        "roll": metrics["roll_sd_deg"] / baseline["roll_sd_deg"],
-        "cot": metrics["cost_of_transport"] / baseline["cost_of_transport"],
-    }
-    return {name: min(value, WORST) for name, value in ratios.items()}
+    return {name: min(part.ratio(metrics, baseline), WORST) for name, part in PARTS.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,15 +61,13 @@ class Objective:
         return float(cost + SLOWNESS * max(0.0, missing))
 
 
-def weights_of(cost: Cost, text: str = "") -> dict[str, float]:
+def weights_of(cost: str, text: str = "") -> dict[str, float]:
     """Weights of a cost; of a mix as in "speed=1,roll=2,cot=0.5", all alike where nothing is said.
 
     Raises CommandError (status 2).
     """
-    if cost not in get_args(Cost):
-        raise CommandError(
-            f"--cost {cost!r} is unknown: choose among {', '.join(get_args(Cost))} and limit-cycle", status=2
-        )
+    if cost not in COSTS or cost == LIMIT_CYCLE:
+        raise CommandError(f"--cost {cost!r} is unknown: choose among {', '.join(COSTS)}", status=2)
     if cost != "mix":
         if text:
             raise CommandError(f"--weights belong to --cost mix, not to {cost}", status=2)

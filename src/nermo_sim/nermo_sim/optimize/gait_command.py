@@ -75,7 +75,7 @@ def search_gait(wanted: GaitSearch, json: Path | None) -> None:
 
     Raises CommandError.
     """
-    base, objective = GaitParameters(), Objective(weights_of(wanted.cost, wanted.weights), wanted.least_speed)  # type: ignore[arg-type]
+    base, objective = GaitParameters(), Objective(weights_of(wanted.cost, wanted.weights), wanted.least_speed)
     space, budget = Space(base, wanted.gait, wanted.spine), wanted.budget
     console.print(
         f"{len(space)} parameters, up to {budget.rollouts} rollouts, {wanted.processes} workers, seed {wanted.seed}; "

@@ -11,6 +11,7 @@ from nermo_description.parameter_files import write_yaml
 from nermo_description.results import CommandError, write_results
 from nermo_sim.console import console, counting, print_facts, print_rows
 from nermo_sim.experiments.result_log import ResultLog, seed_for
+from nermo_sim.optimize.costs import LIMIT_CYCLE
 from nermo_sim.optimize.evaluator import open_executor
 from nermo_sim.optimize.limit_cycle import (
     BOUNDS,
@@ -26,7 +27,6 @@ from nermo_sim.optimize.limit_cycle import (
 from nermo_sim.options import SearchRequest, check_robot
 from nermo_sim.render import film
 
-LIMIT_CYCLE = "limit-cycle"
 PARTICLES, ITERATIONS = 24, 100
 """About half an hour on two processors; C has 120 to 160 and 400 to 800 on 157 nodes."""
 QUICK = (4, 2)

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.data.errors import GapInputError, nearest
+from simgap.data.formats import BAGS
 from simgap.data.mapping import BAG_TIME, ChannelRow, Map
 from simgap.data.plant import euler_angles
 
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-BAGS = (".mcap", ".db3", ".bag", ".zstd", ".zst")
 _CLOCKS_APART = 0.05
 """[s] A recorder gets a message later than this after its stamp, or before it, only where clocks differ."""
 _NAMES = ("name", "joint_names", "names", "interface_names")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from simgap.data.bag import is_bag, read_bag
 from simgap.data.errors import GapInputError, nearest
+from simgap.data.formats import BAGS, listed
 from simgap.data.plant import Plant
 from simgap.data.tables import load_table
 from simgap.data.units import factor
@@ -61,7 +62,7 @@ def load_recording(path: str | Path, plant: Plant) -> Recording:
         recording.warnings += warnings
         return recording
     if plant.map.of_bag:
-        raise GapInputError(f"{plant.map.source}: its rows name topics of a bag, but {path} is no bag (.mcap, .db3)")
+        raise GapInputError(f"{plant.map.source}: its rows name topics of a bag, but {path} is no bag ({listed(BAGS)})")
     return recording_from_table(load_table(path), plant, str(path))
 
 

@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.data.errors import GapInputError
+from simgap.data.formats import BAGS, TABLES, listed, reader_of
 
 Array = NDArray[np.float64]
 
-TABLES = (".csv", ".npz", ".parquet")
 _WORDS = {"": np.nan, "nan": np.nan, "true": 1.0, "false": 0.0}
 """Cells of a CSV that are numbers too."""
 _WHOLE = "is the file whole, and of the kind that its name says?"
 
 
 def load_table(path: str | Path) -> dict[str, Array]:
-    """Read a CSV, NPZ or Parquet file, or a folder of LeRobot, into columns of float64; an empty cell becomes NaN.
+    """Read a file that `TABLES` names, or a folder of LeRobot, into columns of float64; an empty cell becomes NaN.
 
     A column of arrays becomes one column for each element, `action[0]`; of LeRobot's, whose `meta/info.json` names the
     elements, `action[elbow.pos]`.
@@ -35,20 +35,14 @@ def load_table(path: str | Path) -> dict[str, Array]:
         return _load_folder(path)
     if not path.is_file():
         raise GapInputError(f"{path}: no such recording")
+    kind = path.suffix.lower()
+    if kind not in TABLES:
+        raise GapInputError(
+            f"{path}: a recording is a table ({listed(TABLES)}) or a bag ({listed(BAGS)}), "
+            f"not {kind or 'a file without extension'}"
+        )
     try:
-        match path.suffix.lower():
-            case ".csv":
-                return _check_columns(_read_csv(path), path)
-            case ".parquet":
-                return _check_columns(_read_parquet(path), path, _lerobot_names(path.parent))
-            case ".npz":
-                with np.load(path, allow_pickle=False) as archive:
-                    return _check_columns({name: np.asarray(archive[name]) for name in archive.files}, path)
-            case other:
-                raise GapInputError(
-                    f"{path}: a recording is a table (.csv, .npz, .parquet) or a bag (.mcap, .db3), "
-                    f"not {other or 'a file without extension'}"
-                )
+        return _check_columns(reader_of(kind)(path), path, _lerobot_names(path.parent) if kind == ".parquet" else None)
     except (OSError, ValueError) as error:
         if isinstance(error, GapInputError):
             raise
@@ -94,7 +88,8 @@ def _flat(names: Any) -> list[str]:
     return [str(n) for n in names] if isinstance(names, list) else []
 
 
-def _read_csv(path: Path) -> dict[str, NDArray[Any]]:
+def read_csv(path: Path) -> dict[str, NDArray[Any]]:
+    """Columns of a CSV; its first row names them."""
     with path.open(newline="", encoding="utf-8-sig") as file:
         sample = file.read(4096)
         file.seek(0)
@@ -147,7 +142,14 @@ def _number(cell: str) -> float | None:
         return None
 
 
-def _read_parquet(path: Path) -> dict[str, NDArray[Any]]:
+def read_npz(path: Path) -> dict[str, NDArray[Any]]:
+    """Arrays of an NPZ."""
+    with np.load(path, allow_pickle=False) as archive:
+        return {name: np.asarray(archive[name]) for name in archive.files}
+
+
+def read_parquet(path: Path) -> dict[str, NDArray[Any]]:
+    """Columns of a Parquet file."""
     try:
         import pyarrow
         import pyarrow.parquet

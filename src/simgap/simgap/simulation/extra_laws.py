@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 
 import mujoco
 import numpy as np
@@ -10,7 +11,7 @@ from mujoco import batch as mjbatch
 from numpy.typing import NDArray
 
 from simgap.data.plant import Plant
-from simgap.simulation.variant import Variant
+from simgap.simulation.variant import FrictionPath, ServoPath, Variant
 
 Array = NDArray[np.float64]
 
@@ -18,6 +19,33 @@ _ROUNDING = 1e-9
 """Rows: a step that begins with a switch, to the last bit, sees it."""
 _CONTACT_STIFFNESS = 0.7
 """Stiffness of the flanks of a play, as a share of what one time step can carry: inertia / dt^2."""
+SHAPES = {"hard": "dead_band", "sag_reference": "sag", "stribeck_velocity": "stribeck"}
+"""Fields of the paths that do nothing by themselves, and the field whose law each of them shapes."""
+_PAST = ("backlash",)
+"""Laws of the servo path that have a state of their own, which the warm-up must settle."""
+_SERVO_LAWS, _FRICTION_LAWS = (
+    tuple(field.name for field in fields(path) if field.name not in SHAPES) for path in (ServoPath, FrictionPath)
+)
+
+
+def needs_servo_step(variant: Variant) -> bool:
+    """Whether some law of the servos acts: a field of their path that is not zero."""
+    return any(np.any(getattr(variant.servos, name)) for name in _SERVO_LAWS)
+
+
+def needs_friction_step(variant: Variant) -> bool:
+    """Whether some friction changes from step to step: a field of its path that is not zero."""
+    return any(np.any(getattr(variant.friction, name)) for name in _FRICTION_LAWS)
+
+
+def needs_step(variant: Variant) -> bool:
+    """Whether servos or frictions look at the state, so that a variant cannot run in one call."""
+    return needs_servo_step(variant) or needs_friction_step(variant)
+
+
+def needs_past(variant: Variant) -> bool:
+    """Whether a law that acts remembers what was before."""
+    return any(np.any(getattr(variant.servos, name)) for name in _PAST)
 
 
 class ServoStep:
@@ -26,7 +54,7 @@ class ServoStep:
     def __init__(self, plant: Plant, variants: Sequence[Variant], dt: float) -> None:
         servos = [v.servos for v in variants]
         self._dt, self._plant, model = dt, plant, plant.model
-        self.active = any(s.dead_band.any() or s.backlash.any() or s.sag for s in servos)
+        self.active = any(needs_servo_step(v) for v in variants)
         if not self.active:
             return
         self._band = np.stack([s.dead_band for s in servos])
@@ -171,11 +199,6 @@ class Switch:
             self._now = on
             for field, value in zip(self._fields, self._values, strict=True):
                 field[:] = np.where(on[:, None, None], value, 0.0)
-
-
-def needs_friction_step(variants: Sequence[Variant]) -> bool:
-    """Whether some friction changes from step to step."""
-    return any(v.friction.stribeck.any() or v.friction.load.any() for v in variants)
 
 
 class LoadFriction:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from simgap.data.align import Aligned
 from simgap.data.plant import Plant, euler_angles
 from simgap.simulation.drive import Drive, Follow
-from simgap.simulation.extra_laws import LoadFriction, ServoStep, Switch, needs_friction_step
+from simgap.simulation.extra_laws import LoadFriction, ServoStep, Switch, needs_friction_step, needs_past, needs_step
 from simgap.simulation.signal_path import inverse_outputs, shape_inputs
 from simgap.simulation.state import MeasuredState, measured_state
 from simgap.simulation.variant import InputPath, OutputPath, Variant
@@ -292,7 +292,7 @@ class Replayer:
         """
         batch, mine, drive, follow, history = sims.batch, sims.variants, sims.drive, sims.follow, sims.history
         servo = ServoStep(self.plant, mine, self._dt)
-        friction = needs_friction_step(mine)
+        friction = any(needs_friction_step(v) for v in mine)
         law = LoadFriction(mine) if friction else None
         loss = batch.expand("dof_frictionloss") if friction else None
         base_loss = None if loss is None else loss.copy()
@@ -428,10 +428,9 @@ _ROLLS, _LOOKS, _REMEMBERS = 0, 1, 2
 
 def _way(variant: Variant, always_on: bool = True) -> int:
     """How a variant must run: its servos or frictions look at the state or are switched, or its past matters."""
-    servos, outputs = variant.servos, variant.outputs
-    if servos.backlash.any() or outputs.delay.any():
+    if needs_past(variant) or variant.outputs.delay.any():
         return _REMEMBERS
-    if not always_on or servos.dead_band.any() or servos.sag != 0.0 or needs_friction_step([variant]):
+    if not always_on or needs_step(variant):
         return _LOOKS
     return _ROLLS
 

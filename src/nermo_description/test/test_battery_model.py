@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from nermo_description.battery import Battery, BatteryModel
+from nermo_description.battery_model import Battery, BatteryModel
 
 
 def test_battery_runs_down_by_what_is_drawn() -> None:
