@@ -75,13 +75,20 @@ def test_a_second_workstation_does_not_move_it_and_is_named(rig: Rig) -> None:
     until(lambda: abs(rig.tail() - 0.5) < 0.01, "the first one commands")
     other = Workstation(rig.link, "lap")
     other.tail = -0.5
-    try:
+    tails = []
+
+    def refused() -> bool:
+        tails.append(rig.tail())
         refusal = "refused: lap has to wait, desk commands until it is silent for 0.5 s"
-        until(lambda: rig.workstation.told["robot_end: owner"]["message"] == refusal, "it is refused and named")
+        return bool(rig.workstation.told["robot_end: owner"]["message"] == refusal)
+
+    try:
+        until(refused, "it is refused and named")
     finally:
         other.close()
-    assert rig.state() == "follow"
-    assert rig.tail() == pytest.approx(0.5, abs=0.01)
+    # On a busy machine a command of the first one may be late, and the robot holds for a moment.
+    until(lambda: rig.state() == "follow", "it follows the first one")
+    assert [*tails, rig.tail()] == pytest.approx([0.5] * (len(tails) + 1), abs=0.01)
 
 
 def test_silence_makes_it_hold_then_crouch_and_it_walks_on_by_itself(rig: Rig) -> None:
