@@ -11,6 +11,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import String
+from std_srvs.srv import SetBool
 
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.repair import repair
@@ -100,6 +101,44 @@ def test_a_topic_whose_publishers_change_is_still_heard(graph, tmp_path: Path) -
     best_effort = graph.node.create_publisher(Vector3, "/nermo/sensor", qos.BEST_EFFORT)
     publish(graph, best_effort, 3)
     graph.spin_until(lambda: count_on_disk(directory, "/nermo/sensor") == 4, "the best-effort publisher was heard")
+
+
+def test_a_recorder_that_waits_records_when_it_is_asked_to_and_each_time_anew(graph, tmp_path: Path) -> None:
+    sensor = graph.node.create_publisher(Vector3, "/nermo/sensor", BURST)
+    told: dict[str, str] = {}
+
+    def note(message: DiagnosticArray) -> None:
+        told.update({status.name: status.message for status in message.status})
+
+    graph.node.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
+    client = graph.node.create_client(SetBool, "/recorder/record")
+    first = tmp_path / "first"
+    recorder = graph.start(RECORDER, *graph.parameters(directory=str(first), waits=True))
+
+    def ask(on: bool) -> SetBool.Response:
+        future = client.call_async(SetBool.Request(data=on))
+        graph.spin_until(future.done, "the recorder answers")
+        return future.result()
+
+    graph.spin_until(client.service_is_ready, "the recorder is there")
+    graph.spin_until(lambda: told.get("recorder: recording") == "waits", "it waits")
+    assert sensor.get_subscription_count() == 0 and not first.exists()
+    assert not ask(False).success
+    assert ask(True).message == f"recording into {first}"
+    assert not ask(True).success
+    publish(graph, sensor, 20)
+    graph.spin_until(lambda: count_on_disk(first, "/nermo/sensor") == 20, "20 messages are on the disk")
+    assert ask(False).message.endswith(f"dropped 0: {first}")
+    graph.spin_until(lambda: sensor.get_subscription_count() == 0, "nobody listens")
+    sensor.publish(Vector3())
+    assert ask(True).success
+    publish(graph, sensor, 30)
+    (second,) = [folder for folder in tmp_path.iterdir() if folder.is_dir() and folder != first]
+    graph.spin_until(lambda: count_on_disk(second, "/nermo/sensor") == 30, "30 messages are on the disk")
+    status, output = graph.stop(recorder, signal.SIGTERM)
+    assert status == 0, output
+    assert Recording(first).topics["/nermo/sensor"].message_count == 20
+    assert Recording(second).topics["/nermo/sensor"].message_count == 30
 
 
 def test_an_existing_directory_is_refused(graph, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from std_msgs.msg import Bool
 
 from nermo_interfaces.msg import ControlCommand
 from nermo_node import qos
+from nermo_node.recording_reader import Recording
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 # Without a graphics card, and as root in a container.
@@ -81,7 +82,12 @@ def graph(graph, tmp_path: Path) -> Iterator[Graph]:
     with log.open("wb") as file:
         command = [sys.executable, "-m", "nermo_bringup", "up", "--web", "--web-port", "0", "teleop:=none"]
         process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=file, stderr=subprocess.STDOUT, start_new_session=True
+            command,
+            cwd=tmp_path,
+            stdin=subprocess.DEVNULL,
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
         )
     try:
         deadline = time.monotonic() + PATIENCE_S
@@ -237,6 +243,20 @@ def test_a_stop_that_is_pressed_while_the_line_is_down_arrives_later(graph: Grap
     page.evaluate("line.close(); document.getElementById('stop').dispatchEvent(new PointerEvent('pointerdown'))")
     graph.until(lambda: graph.stops[-1:] == [True], "the stop is said by the next line")
     graph.until(lambda: graph.twin.startswith("limp: emergency_stop (/nermo/web says stop"), "the twin is limp")
+
+
+def test_the_page_begins_and_ends_a_recording(graph: Graph, browser: Browser, tmp_path: Path) -> None:
+    page = open_page(graph, browser, scene=False)
+    button = page.locator("#record")
+    graph.until(button.is_enabled, "the page knows of a recorder")
+    assert button.inner_text() == "Record" and not (tmp_path / "recordings").exists()
+    button.click()
+    graph.until(lambda: re.match("[1-9]", page.locator("#recorded").inner_text()) is not None, "messages are recorded")
+    assert button.inner_text() == "End recording"
+    button.click()
+    graph.until(lambda: button.inner_text() == "Record", "the recording has ended")
+    (folder,) = (tmp_path / "recordings").iterdir()
+    assert Recording(folder).topics["/nermo/servo_command"].message_count > 0
 
 
 def test_sliders_set_parameters_and_a_refusal_is_said(graph: Graph, browser: Browser) -> None:

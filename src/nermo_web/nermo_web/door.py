@@ -75,6 +75,13 @@ class Settings(_Message):
     straight_line: bool | None = None
 
 
+class Record(_Message):
+    """Begin a recording, or end it."""
+
+    kind: Literal["record"]
+    on: bool
+
+
 class SetParameter(_Message):
     """A parameter of a node of the graph."""
 
@@ -84,7 +91,7 @@ class SetParameter(_Message):
     value: bool | int | float | Annotated[str, Field(max_length=1024)] | Annotated[list[float], Field(max_length=64)]
 
 
-Message = Stick | Beat | Stop | Release | Take | Settings | SetParameter
+Message = Stick | Beat | Stop | Release | Take | Settings | Record | SetParameter
 _ANY: TypeAdapter[Any] = TypeAdapter(Annotated[Message, Field(discriminator="kind")])
 
 

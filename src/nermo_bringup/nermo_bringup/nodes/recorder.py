@@ -1,4 +1,4 @@
-"""Node `recorder`: every topic of the graph into one MCAP bag.
+"""Node `recorder`: every topic of the graph into one MCAP bag, from its start on or as ~/record says.
 
 Topics are discovered as they appear. Messages are taken serialized, as they were on the wire. The subscriptions are
 not spun by an executor but drained on a timer, many messages at a time: that costs a fraction of one dispatch a
@@ -21,6 +21,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from std_srvs.srv import SetBool
 
 from nermo_bringup.recording.background_writer import BackgroundWriter, Message
 from nermo_bringup.recording.errors import RecordingError
@@ -43,6 +44,7 @@ class RecorderParameters(BaseModel):
     directory: str = Field("", description="bag directory to create; empty: one named by date and time in recordings/")
     include: str = Field("*", description="shell patterns of the topics to record, separated by spaces")
     exclude: str = Field("", description="shell patterns of the topics to leave out, separated by spaces")
+    waits: bool = Field(False, description="record only from when ~/record says so")
 
 
 @dataclass(slots=True)
@@ -56,20 +58,64 @@ class _Tap:
 
 
 class Recorder(Node):
-    """Records until it is shut down; a recording error ends it."""
+    """Records until it is shut down; a recording error ends it.
+
+    ``~/record`` (SetBool) ends the recording, and begins another beside it.
+    """
 
     _writer: BackgroundWriter | None = None
+    """Where messages go; None while nothing is recorded."""
     _listener: Node | None = None
 
     def __init__(self) -> None:
         # Its last words come after the graph has gone, so they go to the console alone.
         super().__init__("recorder", enable_rosout=False)
         parameters = declare(self, RecorderParameters)
-        directory = Path(parameters.directory) if parameters.directory else dated_directory(Path("recordings"))
+        named = Path(parameters.directory) if parameters.directory else None
+        self._parent = Path("recordings") if named is None else named.parent
         self._wanted = TopicFilter(parameters.include, parameters.exclude)
-        self._writer = BackgroundWriter(BagWriter(directory))
         self._taps: dict[str, _Tap] = {}
         self._refused: set[str] = set()
+        self._directory = named or dated_directory(self._parent)
+        if not parameters.waits:
+            self._begin()
+        # Recording goes on while a simulation is paused, so its timers run on the machine's clock.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(DISCOVERY_PERIOD_S, self._discover, clock=steady)
+        self.create_timer(DRAIN_PERIOD_S, self._drain, clock=steady)
+        self.create_service(SetBool, "~/record", self._on_record)
+        diagnostics.Diagnostics(self, "recorder", {"recording": self._status})
+
+    def destroy_node(self) -> None:
+        """Take what has arrived, finish the bag, then leave the graph."""
+        try:
+            if self._writer is not None:
+                self._end()
+        finally:
+            super().destroy_node()
+
+    def _on_record(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        if request.data == (self._writer is not None):
+            response.message = f"{self._directory} is being recorded already" if request.data else "nothing is recorded"
+            return response
+        try:
+            if request.data:
+                if self._directory.exists():
+                    self._directory = dated_directory(self._parent)
+                self._begin()
+                response.message = f"recording into {self._directory}"
+            else:
+                response.message = self._end()
+        except RecordingError as error:
+            response.message = str(error)
+            return response
+        response.success = True
+        return response
+
+    def _begin(self) -> None:
+        """Raises RecordingError."""
+        self._writer = BackgroundWriter(BagWriter(self._directory))
+        self._taps, self._refused = {}, set()
         # A node without an executor carries the subscriptions: only the drain takes their messages.
         self._listener = rclpy.create_node(
             f"_{self.get_name()}_taps",
@@ -79,31 +125,28 @@ class Recorder(Node):
             enable_rosout=False,
             start_parameter_services=False,
         )
-        # Recording goes on while a simulation is paused, so its timers run on the machine's clock.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(DISCOVERY_PERIOD_S, self._discover, clock=steady)
-        self.create_timer(DRAIN_PERIOD_S, self._drain, clock=steady)
-        diagnostics.Diagnostics(self, str(directory), {"recording": self._status})
-        self.get_logger().info(f"recording into {directory}")
+        self.get_logger().info(f"recording into {self._directory}")
         self._discover()
 
-    def destroy_node(self) -> None:
-        """Take what has arrived, finish the bag, then leave the graph."""
+    def _end(self) -> str:
+        """Takes what has arrived and finishes the bag; how much there is. Raises RecordingError."""
         writer = self._writer
+        assert writer is not None
         try:
-            if writer is not None:
-                self._drain()
-                self._writer = None
-                writer.close()
-                self.get_logger().info(f"recorded {writer.written} messages, dropped {writer.dropped}")
+            self._drain()
+            writer.close()
         finally:
             self._writer = None
             if self._listener is not None:
                 self._listener.destroy_node()
-            super().destroy_node()
+                self._listener = None
+        said = f"recorded {writer.written} messages, dropped {writer.dropped}"
+        self.get_logger().info(said)
+        return f"{said}: {self._directory}"
 
     def _discover(self) -> None:
-        assert self._writer is not None
+        if self._writer is None:
+            return
         for name, types in self.get_topic_names_and_types():
             if not self._wanted(name):
                 continue
@@ -157,7 +200,8 @@ class Recorder(Node):
         return self._listener.create_subscription(message_type, topic.name, _never_called, qos, raw=True)
 
     def _drain(self) -> None:
-        assert self._writer is not None
+        if self._writer is None:
+            return
         if self._writer.error is not None:
             raise self._writer.error
         for tap in self._taps.values():
@@ -183,10 +227,12 @@ class Recorder(Node):
                 )
 
     def _status(self) -> diagnostics.Status:
-        assert self._writer is not None
+        if self._writer is None:
+            return diagnostics.OK, "waits", {}
         lost = {name: tap.losses.lost for name, tap in self._taps.items() if tap.losses.lost}
         dropped, missing = self._writer.dropped, sum(lost.values())
         values = {
+            "directory": self._directory,
             "topics": len(self._taps),
             "messages_written": self._writer.written,
             "messages_dropped": dropped,

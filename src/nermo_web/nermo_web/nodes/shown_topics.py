@@ -27,6 +27,8 @@ FRESH_S = 0.5
 """A command that is older commands no more."""
 TROUBLE_S = 3.0
 """So long a warning is shown."""
+RECORDER_S = 5.0
+"""A recorder that has not spoken for so long is none; it speaks once a second."""
 WAY_PERIOD_S = 0.5
 """Between two drawings of the way, which is sent whole."""
 
@@ -56,6 +58,8 @@ class ShownTopics:
         self._command_at = -math.inf
         self._trouble: dict[str, tuple[float, str]] = {}
         self._power, self._pace = "", ""
+        self._recorded: tuple[float, int | None] = -math.inf, None
+        """When the recorder has spoken, and how many messages it has written; None: it waits."""
 
         def latest(kind: type, topic: str) -> Latest:
             return Latest(node, kind, topic, refuse)
@@ -115,6 +119,8 @@ class ShownTopics:
             "battery_v": self._battery,
             "power": self._power,
             "pace": self._pace,
+            "recorder": now - self._recorded[0] < RECORDER_S,
+            "recorded": self._recorded[1],
             "trouble": [text for at, text in sorted(self._trouble.values()) if now - at < TROUBLE_S][-3:],
         }
 
@@ -127,6 +133,9 @@ class ShownTopics:
                 values = {pair.key: pair.value for pair in status.values}
                 self._power = status.message[:300]
                 self._pace = values.get("real_time_factor", "")
+            if status.name.endswith("recorder: recording"):
+                written = {pair.key: pair.value for pair in status.values}.get("messages_written", "")
+                self._recorded = time.monotonic(), int(written) if written.isdecimal() else None
         if len(self._trouble) > 100:
             self._trouble.clear()
 

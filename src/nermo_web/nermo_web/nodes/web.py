@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import ConfigDict, Field
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from std_srvs.srv import SetBool
 
 from nermo_control.driver import FREQUENCY_RANGE_HZ, SPEED_STEPS, Driver, Limits
 from nermo_control.nodes.operator import Operator
@@ -58,6 +59,7 @@ class Web(Node):
         self._who_drives = WhoDrives(self._driver)
         self._operator = Operator(self, self._driver, self._refused.add_one)
         self._live = LiveParameters(self, self._on_parameters)
+        self._recorder = self.create_client(SetBool, "recorder/record")
         with blame("scene"):
             self._shown = ShownTopics(self, robot, parameters.scene, self._refused.add_one)
         token = "" if parameters.host in LOOPBACK else secrets.token_urlsafe(16)
@@ -127,10 +129,26 @@ class Web(Node):
                 return who_drives.take(viewer, message, at)
             case door.Settings():
                 return who_drives.change(viewer, message, at)
+            case door.Record():
+                if refusal := who_drives.refusal(viewer, at):
+                    return refusal
+                return self._record(message.on, self._answer_to(viewer))
             case door.SetParameter():
                 if refusal := who_drives.refusal(viewer, at):
                     return refusal
                 self._live.set(message.node, message.name, message.value, self._answer_to(viewer))
+        return ""
+
+    def _record(self, on: bool, answer: Any) -> str:
+        """Asks the recorder to begin or to end; why nobody can, in words."""
+        if not self._recorder.service_is_ready():
+            return "nothing records in this graph"
+
+        def done(future: Any) -> None:
+            if (said := future.result()) is not None:
+                answer(said.success, said.message)
+
+        self._recorder.call_async(SetBool.Request(data=on)).add_done_callback(done)
         return ""
 
     def _answer_to(self, viewer: int) -> Any:

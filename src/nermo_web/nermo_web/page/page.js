@@ -133,6 +133,8 @@ for (const button of document.querySelectorAll("[data-posture]")) {
   button.addEventListener("click", () => send({ kind: "posture", posture: button.dataset.posture }));
 }
 
+$("record").addEventListener("click", () => send({ kind: "record", on: !$("record").classList.contains("on") }));
+
 let limits = null;
 function hello(message) {
   me = message.you; limits = message;
@@ -179,6 +181,11 @@ function show(message) {
     loads[3 * leg + 1].firstChild.style.width = `${Math.min(100, 100 * Math.max(0, load ?? 0) / FULL_LOAD_N)}%`;
     loads[3 * leg + 2].textContent = load === undefined ? "-" : `${load.toFixed(2)} N`;
   });
+  const records = message.recorder && message.recorded !== null;
+  $("record").disabled = !message.recorder;
+  $("record").classList.toggle("on", records);
+  put("record", records ? "End recording" : "Record");
+  put("recorded", !message.recorder ? "no recorder here" : records ? `${message.recorded} messages` : "");
   const facts = { posture: message.posture, servos: message.power || "-", place: message.place_m ? `${message.place_m.slice(0, 2).map((v) => v.toFixed(2)).join(", ")} m` : "-",
     battery: message.battery_v === null ? "-" : `${message.battery_v.toFixed(2)} V`, "× real time": message.pace || "-" };
   const list = $("facts");
