@@ -28,7 +28,7 @@ from nermo_hw.link.config import DEFAULT, LinkConfig, Side, Topic, load_link
 from nermo_hw.link.end import LinkEnd
 from nermo_hw.link.intake import CommandIntake
 from nermo_hw.link.messages import SensorMessages, decode_bool, decode_command
-from nermo_hw.link.transport import LinkError, Transport
+from nermo_hw.link.transport import KeysMissingError, LinkError, Transport
 from nermo_hw.robot_report import Report
 from nermo_hw.safety.supervisor import RefusedCommandError, SafetySettings, SafetySupervisor
 from nermo_hw.serial.calibration import load_calibration
@@ -317,7 +317,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         end.run()
     except LinkError as error:
         sys.stderr.write(f"robot_end: {error}\n")
-        return 1
+        return 2 if isinstance(error, KeysMissingError) else 1
     return 0
 
 

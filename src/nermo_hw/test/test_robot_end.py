@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -139,6 +140,14 @@ def test_wrong_usage_is_said_in_one_sentence(arguments: list[str], status: int, 
     assert done.returncode == status
     assert words in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_link_without_its_keys_is_wrong_usage_and_not_tried_again(tmp_path: Path) -> None:
+    words = [sys.executable, "-c", WITHOUT_ROS, "--port", "/dev/null"]
+    home = {key: value for key, value in os.environ.items() if key != "XDG_CONFIG_HOME"} | {"HOME": str(tmp_path)}
+    done = subprocess.run(words, env=home, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2
+    assert "ca.pem is missing: `nermo hw keys` makes it" in done.stderr
 
 
 RADIO = """

@@ -90,7 +90,7 @@ def bring_up(
     if record != "none" and Path(record).exists():
         raise CommandError(f"--record {record} exists already; name a new folder.", status=2)
     if target == "link" and arguments.get("port", "twin") == "twin":
-        _make_missing_keys()
+        make_missing_keys()
     nodes = load(find_launch_file("nermo_bringup", MAIN_FILE), arguments).nodes
     use_network(network)
     namespace = arguments.get("namespace", "nermo")
@@ -110,8 +110,11 @@ def check_robot(robot: str) -> str:
         raise CommandError(f"--robot: {error}", status=2) from error
 
 
-def _make_missing_keys() -> None:
-    """Both ends are on this machine, so nobody has to carry a key anywhere."""
+def make_missing_keys() -> None:
+    """For an emulated robot: both ends are on this machine, so nobody has to carry a key anywhere.
+
+    Raises CommandError.
+    """
     from nermo_hw.link.config import load_link
     from nermo_hw.link.keys import KeysError, make_keys
 

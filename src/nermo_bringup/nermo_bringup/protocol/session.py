@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from nermo_bringup.drive.session import Signals
-from nermo_bringup.launch.command import MAIN_FILE
+from nermo_bringup.launch.command import MAIN_FILE, make_missing_keys
 from nermo_bringup.launch.description import load
 from nermo_bringup.launch.executables import find_launch_file
 from nermo_bringup.launch.running_graph import ALIVE, Graph, running_graph
@@ -29,7 +29,7 @@ from nermo_description.stand import Stand
 from nermo_gap.protocol.conduct import STAND, Conductor, Played
 from nermo_gap.protocol.pieces import Segment
 from nermo_gap.protocol.scene import BAG_FOLDER, SCENE_FILE, SceneFile
-from nermo_gap.protocol.through_graph import Request
+from nermo_gap.protocol.through_graph import TWIN, Request
 from simgap.data.errors import GapInputError
 
 NAMESPACE = "nermo"
@@ -63,6 +63,8 @@ def record_through_graph(request: Request) -> list[Path]:
             "that this needs a terminal as its input",
             status=2,
         )
+    if request.target == "link" and request.port == TWIN:
+        make_missing_keys()
     signals = Signals()
     with signals.taken():
         return _Session(request, signals).run()

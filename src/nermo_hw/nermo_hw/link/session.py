@@ -11,7 +11,7 @@ import zenoh
 
 from nermo_hw.link.config import LinkConfig, Side
 from nermo_hw.link.revocation import common_name, revoked_names
-from nermo_hw.link.transport import LinkError
+from nermo_hw.link.transport import KeysMissingError, LinkError
 
 PRIORITIES = {
     "real_time": zenoh.Priority.REAL_TIME,
@@ -73,7 +73,7 @@ def _tls(config: LinkConfig, side: Side) -> dict[str, Any]:
     ca, certificate, key = config.keys / "ca.pem", config.keys / f"{name}.pem", config.keys / f"{name}.key"
     for file in (ca, certificate, key):
         if not file.is_file():
-            raise LinkError(f"{file} is missing: `nermo hw keys` makes it")
+            raise KeysMissingError(f"{file} is missing: `nermo hw keys` makes it")
     _check_validity(certificate)
     return {
         "root_ca_certificate": str(ca),

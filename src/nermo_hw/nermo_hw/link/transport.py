@@ -19,6 +19,10 @@ class LinkError(OSError):
     """The link cannot be set up; the text says which end and why."""
 
 
+class KeysMissingError(LinkError):
+    """There are no keys, and trying again makes none."""
+
+
 class Transport(Protocol):
     """Carries messages by key, at once or not at all. A note goes along with a message, outside of its payload."""
 
