@@ -18,7 +18,7 @@ from rclpy.node import Node
 from nermo_node.parameters import ParameterError
 
 try:
-    from rclpy.experimental.events_executor import EventsExecutor
+    from rclpy.experimental.events_executor import EventsExecutor as EventsExecutor
 except ImportError:  # a ROS without it
     EventsExecutor = SingleThreadedExecutor
 

@@ -160,7 +160,7 @@ def tune(
         parameters = load_tactile(robot)
         table = BenchRecording.load(recording)
         with _progress("generations") as progress:
-            swarm = Swarm(objective.value, particles, generations, seed)  # type: ignore[arg-type]
+            swarm = Swarm(objective.value, particles, generations, seed)
             found = search(estimator.value, parameters.calibration, parameters.noises, table, swarm, progress)
     before, after = (getattr(noises, estimator.value).model_dump() for noises in (parameters.noises, found.noises))
     rows = [{"covariance": name, "before": before[name], "after": after[name]} for name in after]

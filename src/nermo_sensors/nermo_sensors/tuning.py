@@ -148,7 +148,7 @@ def tune(
     start, count = covariances.start, len(covariances.names)
     history: list[float] = []
 
-    class Search(Problem):  # type: ignore[misc]
+    class Search(Problem):
         def _evaluate(self, x: Array, out: dict[str, Any], *_: Any, **__: Any) -> None:
             out["F"] = costs = covariances.cost(x, swarm.objective)
             history.append(min([float(costs.min()), *history[-1:]]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,7 @@ NO_DISTURBANCE = Disturbance(friction=0.0, heading=0.0, joint=0.0, push=0.0)
 class DisturbedRun:
     """One run's disturbances: `begin` after a reset, then `tick` before each step."""
 
-    def __init__(self, twin: Twin, disturbance: Disturbance, seed: int) -> None:
+    def __init__(self, twin: Twin[Any], disturbance: Disturbance, seed: int) -> None:
         self._twin, self._disturbance = twin, disturbance
         self._random = np.random.default_rng(seed)
         self._next_push = 0

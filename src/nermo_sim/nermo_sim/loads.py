@@ -21,7 +21,7 @@ from nermo_sim.twin import Twin
 class TrueLoads:
     """MuJoCo's vertical contact forces."""
 
-    def __init__(self, twin: Twin) -> None:
+    def __init__(self, twin: Twin[Any]) -> None:
         self._twin = twin
 
     def step(self, sensors: SensorData, output: MotionOutput) -> LegLoads:
@@ -34,7 +34,7 @@ class FeltLoads:
     """Tactile feet on a twin and the estimator behind them, stepped after each tick as the nodes would."""
 
     def __init__(
-        self, twin: Twin, feet: TactileParameters, estimator: str = "memory", seed: int = 0, weigh: bool = True
+        self, twin: Twin[Any], feet: TactileParameters, estimator: str = "memory", seed: int = 0, weigh: bool = True
     ) -> None:
         """`weigh` ties the four loads to weight and IMU; `seed` is of the feet."""
         self._twin, self._weigh = twin, weigh

@@ -116,7 +116,7 @@ class Loop(Generic[ControllerType]):
         duration: float,
         *,
         record: bool = True,
-        until: Callable[[Twin], bool] | None = None,
+        until: Callable[[Twin[Any]], bool] | None = None,
         before_tick: Callable[[], None] | None = None,
     ) -> Recording:
         """Runs for a time [s], or until a condition on the twin holds.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -23,7 +24,7 @@ Array = NDArray[np.float64]
 class Recorder:
     """Fills preallocated arrays; `recording` hands out what has been filled so far."""
 
-    def __init__(self, twin: Twin, ticks: int) -> None:
+    def __init__(self, twin: Twin[Any], ticks: int) -> None:
         self._twin = twin
         self._states = np.zeros((ticks, mujoco.mj_stateSize(twin.model, STATE)))
         self._sensors = np.zeros((ticks, twin.model.nsensordata))

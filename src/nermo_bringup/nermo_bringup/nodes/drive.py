@@ -10,7 +10,7 @@ from contextlib import contextmanager
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry as OdometryMessage
-from rclpy.executors import Executor
+from rclpy.executors import Executor as Executor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 

@@ -276,7 +276,7 @@ class _Thrower:
             endpoint = next(e for e in self._node.get_subscriptions_info_by_topic(topic) if e.node_name == base)
             publisher = self._node.create_publisher(kind, topic, _heard_by(endpoint))
             self._publishers[topic] = kind, publisher
-            self._spin_until(lambda publisher=publisher: publisher.get_subscription_count() > 0, PATIENCE)  # type: ignore[misc]
+            self._spin_until(lambda publisher=publisher: publisher.get_subscription_count() > 0, PATIENCE)
         return list(self._publishers)
 
     def _answer(self, client: Client[Any, Any]) -> None:

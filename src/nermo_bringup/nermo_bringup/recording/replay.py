@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,7 +142,7 @@ def replay_controls(
 
 def _compare(
     recording: Recording,
-    twin: Twin,
+    twin: Twin[Any],
     servos: tuple[str, ...],
     begin: int,
     end: int,

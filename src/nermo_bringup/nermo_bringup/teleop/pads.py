@@ -59,7 +59,7 @@ class Pad(BaseModel):
     description: str
     axes: dict[str, NonNegativeInt]
     buttons: dict[str, NonNegativeInt]
-    controls: Controls  # type: ignore[valid-type]
+    controls: Controls
 
     @model_validator(mode="after")
     def _controls_name_what_is_there(self) -> Self:

@@ -61,7 +61,7 @@ class Entry(BaseModel):
     gait: str | None = None
     gait_frequency: Annotated[FiniteFloat, AfterValidator(_frequency)] | None = None
     turning_strategy: Literal["leg", "spine", "mix", ""] | None = None
-    spine_modes: SpineEntry | None = None  # type: ignore[valid-type]
+    spine_modes: SpineEntry | None = None
     servos: dict[str, FiniteFloat] | None = Field(None, description="[rad] by servo name")
 
     def apply(self, before: ControlCommand) -> ControlCommand:

@@ -117,7 +117,7 @@ def _struts(leg: PantographLeg, k: Any, o: Any) -> tuple[Any, Any]:
     ankle = (leg.middle_length * sympy.cos(k), -leg.middle_length * sympy.sin(k))
     lower = (ankle[0] - leg.spacing * sympy.cos(o), ankle[1] - leg.spacing * sympy.sin(o))
     upper = (-leg.spacing, 0)
-    return tuple(sympy.sqrt((one[0] - upper[0]) ** 2 + (one[1] - upper[1]) ** 2) for one in (ankle, lower))  # type: ignore[return-value]
+    return tuple(sympy.sqrt((one[0] - upper[0]) ** 2 + (one[1] - upper[1]) ** 2) for one in (ankle, lower))
 
 
 def _energy(leg: PantographLeg, diagonal: Any, parallel: Any, toe: Any) -> Any:
@@ -135,4 +135,4 @@ def _rate(length: Any, coordinates: tuple[Any, ...], rates: tuple[Any, ...]) -> 
 
 def _function(arguments: tuple[Any, ...], expression: Any) -> Callable[..., Any]:
     """With plain floats: for one leg, math is ten times as fast as NumPy."""
-    return sympy.lambdify(arguments, expression, modules="math", cse=True)  # type: ignore[no-any-return]
+    return sympy.lambdify(arguments, expression, modules="math", cse=True)

@@ -94,7 +94,7 @@ class SceneFile(BaseModel):
                 stiffness=stand.stiffness,
                 damping=stand.damping,
                 turning_damping=stand.turning_damping,
-                rest=tuple(map(float, rest)),  # type: ignore[arg-type]
+                rest=tuple(map(float, rest)),
             )
         return cls(
             protocol=protocol.name,

@@ -134,7 +134,7 @@ class _Namespace:
         done = answer.get()
         if isinstance(done, OSError):
             raise done
-        return done  # type: ignore[no-any-return]
+        return done
 
 
 def _unshare(flags: int) -> None:

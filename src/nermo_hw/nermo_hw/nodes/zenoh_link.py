@@ -129,7 +129,7 @@ class ZenohLinkNode(Node):
 
 def _message_type(topic: Topic) -> type:
     try:
-        return message_type(topic.type)  # type: ignore[no-any-return]
+        return message_type(topic.type)
     except (ImportError, AttributeError) as error:
         raise ParameterError(f"topic {topic.name}: the type {topic.type} is not installed") from error
 

@@ -86,7 +86,7 @@ def fit_memory(recording: BenchRecording, amplifier: NonInvertingAmplifier) -> t
         law = SoftConductance(*(values[n] for n in ("sensitivity", "base_conductance", "saturation_force", "rounding")))
         felt = force + values["hysteresis_width"] * reversal(force, values["reversal_force"])
         creep = values["creep_gain"] * _lagged(force, recording.period, values["creep_time"])
-        return np.asarray(amplifier.voltage(law.conductance(felt) * (1.0 + creep)))  # type: ignore[arg-type]
+        return np.asarray(amplifier.voltage(law.conductance(felt) * (1.0 + creep)))
 
     weight = 1.0 / np.hypot(1.0, rate * _SLOW / force_span)
     result = fit(unknowns, predict, voltage, _lags(recording), weight)

@@ -40,7 +40,7 @@ class BenchSettings:
     """Simulated time of a measurement [s]."""
     tail: TailModel = "chain"
 
-    def loop(self) -> Loop:
+    def loop(self) -> Loop[Any]:
         """A loop that walks already."""
         loop = Loop.build(load_robot(self.robot).with_tail(self.tail), GaitParameters())
         loop.run(constant(WALK), SETTLE, record=False)
@@ -54,7 +54,7 @@ def bench_tick(settings: BenchSettings) -> dict[str, Any]:
     stopwatch = _Stopwatch(loop.controller, times)
     script = constant(WALK)
     for _ in range(round(settings.duration * 1e9 / loop.twin.period_ns)):
-        loop.controller = stopwatch  # type: ignore[assignment]
+        loop.controller = stopwatch
         loop.tick(script(loop.sensors.stamp))
     p50, p99 = np.percentile(np.array(times) * 1e-3, [50.0, 99.0])
     return {"tick_us": {"p50": float(p50), "p99": float(p99), "ticks": len(times)}}
@@ -111,7 +111,7 @@ def _closed_and_bare(settings: BenchSettings) -> dict[str, float]:
     }
 
 
-def _bare(twin: Twin, data: mujoco.MjData, controls: np.ndarray) -> int:
+def _bare(twin: Twin[Any], data: mujoco.MjData, controls: np.ndarray) -> int:
     """Time [ns] of the same ticks with nothing but the physics."""
     substeps = round(twin.period_ns * 1e-9 / twin.model.opt.timestep)
     control = data.ctrl

@@ -84,7 +84,7 @@ def lift(
     model: mujoco.MjModel,
     settings: Settings,
     run: DisturbedRun | None = None,
-    twin: Twin | None = None,
+    twin: Twin[Any] | None = None,
 ) -> Recording:
     """Lifts and sweeps one leg of a standing mouse."""
     twin = twin or Twin(robot, model=copy.copy(model))

@@ -114,7 +114,7 @@ def run(job: Job[Case]) -> Result:
     }
 
 
-def walking_loop(twin: Twin, case: Case, settings: Settings, seed: int) -> Loop:
+def walking_loop(twin: Twin[Any], case: Case, settings: Settings, seed: int) -> Loop[Any]:
     """A controller for the case around a twin that stands already."""
     motion = LOCKSTEP_MOTION.model_copy(
         update={
@@ -132,7 +132,7 @@ def walking_loop(twin: Twin, case: Case, settings: Settings, seed: int) -> Loop:
     return Loop(twin, controller, TrueLoads(twin).step if case.loads == "true" else None)
 
 
-def _cut_off(twin: Twin, leg: int) -> None:
+def _cut_off(twin: Twin[Any], leg: int) -> None:
     """Takes a foot out of all contacts."""
     for geom, owner in twin.layout.foot_of_geom.items():
         if owner == leg:
@@ -181,7 +181,7 @@ def _describe(cycle: Recording) -> NDArray[np.float64]:
     return np.array([roll.std(), pitch.std(), aside / seconds, turn / seconds])
 
 
-def step_scatter(recording: Recording, twin: Twin) -> dict[str, float | None]:
+def step_scatter(recording: Recording, twin: Twin[Any]) -> dict[str, float | None]:
     """Mean and standard deviation of the steps' lengths [m]: from touch-down to touch-down of the same foot."""
     feet, base, _ = foot_motion(recording, twin.model)
     way = base[-1, :2] - base[0, :2]

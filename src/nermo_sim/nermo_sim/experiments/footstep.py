@@ -128,7 +128,7 @@ def _standing_mouse(job: Job[Case]) -> Loop[Any]:
     return walking
 
 
-def _places(recording: Recording, twin: Twin, moment: float) -> Array:
+def _places(recording: Recording, twin: Twin[Any], moment: float) -> Array:
     feet, base, _ = foot_motion(recording, twin.model)
     before = recording.time < moment
     way = base[before][-1, :2] - base[0, :2]

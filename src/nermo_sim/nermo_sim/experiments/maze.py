@@ -84,7 +84,7 @@ def run(job: Job[Case]) -> Result:
     )
     farthest = 0.0
 
-    def ended(twin: Twin) -> bool:
+    def ended(twin: Twin[Any]) -> bool:
         nonlocal farthest
         farthest = max(farthest, abs(controller.cross_track))
         return twin.tilt() > FALLEN or controller.path_status not in (PathStatus.IDLE, PathStatus.FOLLOWING)

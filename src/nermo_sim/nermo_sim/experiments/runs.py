@@ -145,7 +145,7 @@ def run_cases(
     return [[log[job.key] for job in jobs if job.case == case] for case in cases]
 
 
-def standing_loop(job: Job[Any], scene: str = "flat") -> tuple[Loop, DisturbedRun]:
+def standing_loop(job: Job[Any], scene: str = "flat") -> tuple[Loop[Any], DisturbedRun]:
     """The mouse on its feet at the start, and the disturbances that are to come."""
     settings, robot = job.settings, job.settings.mouse
     twin = Twin(robot, scene, model=compiled(robot, scene))

@@ -98,7 +98,7 @@ def spine_stride(robot: RobotParameters, parameters: GaitParameters) -> float:
     return float(extension.distance(0, extension.extension[0]) - extension.distance(0, extension.compression[0]))
 
 
-def walk(job: Job[Case]) -> tuple[Recording, Twin]:
+def walk(job: Job[Case]) -> tuple[Recording, Twin[Any]]:
     """Walks one run: over the distance, or until the mouse has fallen, or for twice the time it should take."""
     case, settings = job.case, job.settings
     loop, run = standing_loop(job)
@@ -114,7 +114,7 @@ def walk(job: Job[Case]) -> tuple[Recording, Twin]:
     start = loop.twin.odometry()
     forward = (math.cos(start.yaw), math.sin(start.yaw))
 
-    def ended(twin: Twin) -> bool:
+    def ended(twin: Twin[Any]) -> bool:
         here = twin.odometry()
         along = (here.x - start.x) * forward[0] + (here.y - start.y) * forward[1]
         return along >= settings.distance or twin.tilt() > FALLEN

@@ -110,7 +110,7 @@ def run(job: Job[Case]) -> Result:
         longest = 4.0 * path.length / speed
     turned, last, farthest = 0.0, loop.twin.odometry().yaw, 0.0
 
-    def ended(twin: Twin) -> bool:
+    def ended(twin: Twin[Any]) -> bool:
         nonlocal turned, last, farthest
         yaw = twin.odometry().yaw
         turned += (yaw - last + math.pi) % (2.0 * math.pi) - math.pi

@@ -39,7 +39,9 @@ class _Topic:
 class SensorPublishers:
     """Publishes one tick of a twin; `rates` are in Hz by topic, as whole parts of the control rate."""
 
-    def __init__(self, node: Node, twin: Twin, frame_prefix: str, rates: dict[str, float], publish_clock: bool) -> None:
+    def __init__(
+        self, node: Node, twin: Twin[Any], frame_prefix: str, rates: dict[str, float], publish_clock: bool
+    ) -> None:
         self._twin = twin
         self._tick = 0
         self._battery = Battery()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Protocol
+from typing import Any, Protocol
 
 from rclpy.node import Node
 from sensor_msgs.msg import Image
@@ -20,11 +20,11 @@ WINDOW_RATE = 30.0
 class View(Protocol):
     """Something that shows a twin after each tick, if it is its time."""
 
-    def show(self, twin: Twin) -> None:
+    def show(self, twin: Twin[Any]) -> None:
         """Shows the present state, if that is due."""
 
 
-def open_views(node: Node, twin: Twin, window: bool, camera_rate: float, frame_prefix: str) -> list[View]:
+def open_views(node: Node, twin: Twin[Any], window: bool, camera_rate: float, frame_prefix: str) -> list[View]:
     """Opens what was asked for; what this machine cannot show is left out with a warning."""
     views: list[View] = []
     if window and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
@@ -42,13 +42,13 @@ def open_views(node: Node, twin: Twin, window: bool, camera_rate: float, frame_p
 class Window:
     """MuJoCo's own viewer. Closing it does not end the simulation."""
 
-    def __init__(self, twin: Twin) -> None:
+    def __init__(self, twin: Twin[Any]) -> None:
         import mujoco.viewer  # opens a connection to the display, so only where one is wanted
 
         self._viewer = mujoco.viewer.launch_passive(twin.model, twin.data)
         self._next = 0
 
-    def show(self, twin: Twin) -> None:
+    def show(self, twin: Twin[Any]) -> None:
         """Redraws the window."""
         if twin.time_ns >= self._next and self._viewer.is_running():
             self._next = twin.time_ns + round(1e9 / WINDOW_RATE)
@@ -58,7 +58,7 @@ class Window:
 class HeadCameras:
     """`<camera>/image_raw` of each head camera."""
 
-    def __init__(self, node: Node, twin: Twin, rate: float, frame_prefix: str) -> None:
+    def __init__(self, node: Node, twin: Twin[Any], rate: float, frame_prefix: str) -> None:
         self._renderer = Renderer(twin.model, width=320, height=240)
         self._period = round(1e9 / rate)
         self._next = 0
@@ -67,7 +67,7 @@ class HeadCameras:
         }
         self._frame_prefix = frame_prefix
 
-    def show(self, twin: Twin) -> None:
+    def show(self, twin: Twin[Any]) -> None:
         """Takes and publishes one picture of each camera."""
         if twin.time_ns < self._next:
             return

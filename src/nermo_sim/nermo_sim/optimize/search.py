@@ -188,7 +188,7 @@ def minimise(
     from pymoo.core.problem import Problem
     from pymoo.optimize import minimize
 
-    class Rollouts(Problem):  # type: ignore[misc]
+    class Rollouts(Problem):
         def _evaluate(self, x: Array, out: dict[str, Any], *_: Any, **__: Any) -> None:
             out["F"] = objectives(np.atleast_2d(x))
 

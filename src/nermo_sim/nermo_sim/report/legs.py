@@ -56,8 +56,8 @@ def leg_force(facts: dict[str, Any]) -> Figure:
     figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
     surface, line = figure.add_subplot(1, 2, 1, projection="3d"), figure.add_subplot(1, 2, 2)
     x, y = np.meshgrid(lengths, angles, indexing="ij")
-    surface.plot_surface(x, y, np.where(force > -2.0, force, np.nan), cmap="viridis", linewidth=0.2)  # type: ignore[attr-defined]
-    surface.set(xlabel="length [mm]", ylabel="foot angle [deg]", zlabel="force [N]")  # type: ignore[call-arg]
+    surface.plot_surface(x, y, np.where(force > -2.0, force, np.nan), cmap="viridis", linewidth=0.2)
+    surface.set(xlabel="length [mm]", ylabel="foot angle [deg]", zlabel="force [N]")
     line.plot(lengths, found["free_toe_force_n"], "k", label="toe free")
     for column in range(len(angles) // 4, len(angles), len(angles) // 4):
         line.plot(lengths, force[:, column], label=f"foot at {angles[column]:.0f} deg")

@@ -27,8 +27,8 @@ def footsteps(facts: dict[str, Any]) -> Figure:
                 if values:
                     means[i, j] = np.mean(values)
         x, y = np.meshgrid(1e3 * np.array(changes), steps, indexing="ij")
-        axes.plot_surface(x, y, 1e3 * means, cmap="viridis", alpha=0.7)  # type: ignore[attr-defined]
-        axes.scatter(  # type: ignore[call-arg]
+        axes.plot_surface(x, y, 1e3 * means, cmap="viridis", alpha=0.7)
+        axes.scatter(
             [1e3 * row["delta_m"] for row in own],
             [row["step"] for row in own],
             [1e3 * row["displacement_m"] for row in own],
@@ -36,7 +36,7 @@ def footsteps(facts: dict[str, Any]) -> Figure:
             color="k",
         )
         fit = facts["fit"][name]
-        axes.set(xlabel="shortened by [mm]", ylabel="step", zlabel="displacement [mm]")  # type: ignore[call-arg]
+        axes.set(xlabel="shortened by [mm]", ylabel="step", zlabel="displacement [mm]")
         axes.set_title(
             f"{name}: R2 {fit['r2']:.2f}, first step right in {100.0 * fit['first_step_right']:.0f} %", fontsize="small"
         )

@@ -45,7 +45,7 @@ def self_contacts(plant: Plant, state: MeasuredState) -> dict[tuple[str, str], f
             bodies = model.geom_bodyid[geoms]
             if distance < 0.0 and bodies.min() > 0 and not np.isin(model.geom_type[geoms], _GROUND).any():
                 touching.add(tuple(sorted(names[b] for b in bodies)))
-        found.update(touching)  # type: ignore[arg-type]
+        found.update(touching)
     return {pair: count / poses for pair, count in found.items() if count >= OFTEN * poses}
 
 

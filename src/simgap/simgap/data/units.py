@@ -33,8 +33,8 @@ _ACCELERATION_ALIASES = {"g": "standard_gravity", "mg": "millistandard_gravity"}
 
 
 @functools.cache
-def _registry() -> pint.UnitRegistry:
-    registry: pint.UnitRegistry = pint.UnitRegistry()
+def _registry() -> pint.UnitRegistry[Any]:
+    registry: pint.UnitRegistry[Any] = pint.UnitRegistry()
     return registry
 
 
