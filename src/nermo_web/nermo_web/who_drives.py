@@ -72,10 +72,11 @@ class WhoDrives:
         self._viewers[viewer] = _Viewer(Lateness())
 
     def leave(self, viewer: int, now: float) -> None:
-        """Somebody closes it, or is not reached any more: if it is who drives, the mouse stops."""
+        """Somebody closes it, or is not reached any more: if it is who drives, it stops, and others may drive."""
         self._viewers.pop(viewer, None)
         if viewer == self._holder:
             self._let_go(now)
+            self._holder = None
 
     def holder(self, now: float) -> int | None:
         """The viewer who drives, and a moment longer."""

@@ -71,6 +71,16 @@ def test_a_page_that_closes_stops_the_mouse(page: Page) -> None:
     assert page.command() is None
 
 
+def test_nobody_waits_for_a_page_that_is_closed(page: Page) -> None:
+    page.press(ANNA)
+    assert page.speed() == pytest.approx(FULL_SPEED)
+    page.who_drives.leave(ANNA, page.now)
+    assert page.who_drives.holder(page.now) is None
+    assert page.speed() == 0.0
+    assert page.press(BERT) == ""
+    assert page.speed() == pytest.approx(FULL_SPEED)
+
+
 def test_what_comes_late_does_not_drive(page: Page) -> None:
     page.press(ANNA)
     page.now += 2.0
