@@ -164,6 +164,7 @@ def test_a_hidden_mouse_is_recorded_and_revealed_by_commands(tmp_path: Path) -> 
     assert unknown.exit_code == 2 and "weak_knee" in unknown.output
 
 
+@pytest.mark.timeout(900)
 def test_the_demo_draws_records_diagnoses_and_reveals(tmp_path: Path) -> None:
     told = StringIO()
     console = Console(file=told, width=200)

@@ -28,6 +28,8 @@ from simgap.simulation.scales import measure_scales
 from simgap.simulation.variant import Variant
 from simgap.simulation.windows import cut
 
+pytestmark = pytest.mark.timeout(900)  # minutes of computing on a slow machine
+
 
 def _names(found: Diagnosis) -> set[str]:
     return {f"{e['name']}@{e['site']}" for e in found.report["effects"]}
