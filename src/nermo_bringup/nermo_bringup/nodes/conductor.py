@@ -14,6 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Bool
 
 from nermo_bringup.nodes.outlet import SERVO_PERIOD_S, Outlet
+from nermo_bringup.nodes.present import others
 from nermo_control.driver import Driver, Limits
 from nermo_control.nodes.operator import Operator
 from nermo_control.types import Posture
@@ -68,8 +69,7 @@ class ConductorNode(Node):
 
     def present(self) -> set[str]:
         """Full names of the other nodes in the graph."""
-        found = {f"{space.rstrip('/')}/{name}" for name, space in self.get_node_names_and_namespaces()}
-        return found - {self.get_fully_qualified_name()}
+        return others(self)
 
     def serve(self, seconds: float) -> None:
         """Serves the node for so long [s] at most."""

@@ -15,6 +15,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from nermo_bringup.drive.odometer import Odometer
+from nermo_bringup.nodes.present import others
 from nermo_control.driver import Driver
 from nermo_control.nodes.conversions import odometry_from_message
 from nermo_control.nodes.operator import Operator
@@ -77,8 +78,7 @@ class Drive(Node):
 
     def present(self) -> set[str]:
         """Full names of the other nodes in the graph."""
-        found = {f"{space.rstrip('/')}/{name}" for name, space in self.get_node_names_and_namespaces()}
-        return found - {self.get_fully_qualified_name()}
+        return others(self)
 
     @property
     def commanded(self) -> tuple[float, float]:
