@@ -36,6 +36,30 @@ def test_a_file_is_played_at_its_pace_and_ends_with_a_stop(graph, file: str) -> 
     assert {message.gait for message in walking} == {"trot"}
 
 
+def test_what_began_by_the_wall_clock_is_played_whole_by_a_clock_that_is_found_later(graph, tmp_path: Path) -> None:
+    path = tmp_path / "walk.yaml"
+    path.write_text("{duration: 60, commands: [{at: 0, posture: walk, forward_velocity: 0.05}]}")
+    heard: list[int] = []
+    graph.node.create_subscription(
+        ControlCommand, "control_command", lambda message: heard.append(message.header.stamp.sec), 50
+    )
+    graph.start(PLAYER, *graph.parameters(file=str(path)))
+    graph.spin_until(lambda: len(heard) > 2, "it plays by the machine's clock")
+    assert min(heard) > 1_000_000_000
+    clock = graph.node.create_publisher(Clock, "/clock", 10)
+    now = 0
+
+    def advance() -> bool:
+        nonlocal now
+        now += 20_000_000
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(now, 1_000_000_000)
+        clock.publish(message)
+        return sum(stamp < 1_000_000_000 for stamp in heard) > 5
+
+    graph.spin_until(advance, "it goes on saying so by the simulation's")
+
+
 def test_in_lockstep_each_tick_gets_its_own_command(graph, file: str) -> None:
     heard: list[ControlCommand] = []
     graph.node.create_subscription(ControlCommand, "control_command", heard.append, 50)

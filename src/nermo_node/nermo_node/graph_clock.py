@@ -8,8 +8,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 USE_SIM_TIME = "use_sim_time"
-DISCOVERY_S = 2.0
-"""So long after its start a node may not have heard of a /clock that is there."""
+DISCOVERY_S = 5.0
+"""So long after its start a node may not have heard of a /clock that is there; up to 2.9 s were seen beside a graph."""
 
 
 class GraphClock:

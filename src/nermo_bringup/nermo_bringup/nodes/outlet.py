@@ -17,6 +17,7 @@ from nermo_node.time import to_message
 CONTROL_PERIOD_S = 0.05
 SERVO_PERIOD_S = 0.005
 """The motion module tells the servos as often."""
+_PERIOD_NS = CONTROL_PERIOD_S * 1e9
 
 
 class Outlet:
@@ -44,7 +45,8 @@ class Outlet:
             message.header.stamp = to_message(command.stamp)
             self._targets.publish(message)
         said = self._said
-        if every_tick or said is None or command.stamp - said.stamp >= CONTROL_PERIOD_S * 1e9 or _other(command, said):
+        # Time that runs backwards is another clock's, and nothing has been said by that one.
+        if said is None or every_tick or _other(command, said) or not 0 <= command.stamp - said.stamp < _PERIOD_NS:
             self._controls.publish(control_command_to_message(command))
             self._said = command
 
