@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 import simgap.cli
+from nermo_gap.blind.cli import mice_app
 from simgap.blind.cli import blind_app
 from simgap.console import HELP, called, fail, print_diagnosis, progress, refusals, silence, write_diagnosis
 from simgap.execution.executors import HELP as EXECUTOR
@@ -32,6 +33,7 @@ gap_app = typer.Typer(
 
 
 gap_app.add_typer(blind_app)
+gap_app.add_typer(mice_app)
 
 _through_graph: list[ThroughGraph] = []
 

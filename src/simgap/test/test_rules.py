@@ -13,12 +13,19 @@ from simgap.analysis.diagnose import odd_timing, timing_at_its_limit
 from simgap.analysis.self_contact import without_needless_contacts
 from simgap.data.mapping import parse_map
 from simgap.data.plant import build_plant, load_spec
+from simgap.effects.base import Context
+from simgap.effects.library import enumerate_effects
 from simgap.inference.decision import Class
 from simgap.inference.model_selection import EVIDENCE_MORE, FURTHER, earns
 from simgap.inference.nuisance import BOX, enumerate_nuisances
+from simgap.inference.screen import _directions
 from simgap.inference.verdict import shared
 from simgap.simulation.contacts import colliding
+from simgap.simulation.replay import Replayer
+from simgap.simulation.scales import measure_scales
 from simgap.simulation.state import measured_state
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import cut
 
 
 def _scored(effects: int) -> Any:
@@ -48,6 +55,25 @@ def test_a_further_cause_may_earn_a_tenth_of_the_first(gain: float, first: float
     without.fit.cost, with_.fit.cost = gain, 0.0
     assert (FURTHER, EVIDENCE_MORE) == (0.1, 16.0), "the cases are written for these"
     assert earns(scores, without, with_, looked_at=10, first=first) == earned
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "earned"),
+    [(2.0, 1.7, True), (1.11, 1.03, True), (1.228, 1.212, False), (1.11, 1.07, False), (0.98, 0.9, False)],
+)
+def test_a_first_cause_takes_a_part_of_the_gap_or_most_of_what_is_above_the_floor(
+    before: float, after: float, earned: bool
+) -> None:
+    without, with_ = _scored(0), _scored(1)
+    without.fit.held, with_.fit.held = before, after
+    without.fit.cost, without.gap, with_.gap = 50.0, before, after
+    scores = cast(
+        Any,
+        SimpleNamespace(
+            difference=lambda worse, better: (40.0, 20.0, 60.0), typical=lambda held: held, overall=lambda held: held
+        ),
+    )
+    assert earns(scores, without, with_, looked_at=100) == earned
 
 
 @pytest.mark.parametrize(("z", "said"), [(BOX, "+"), (-BOX, "-"), (0.9 * BOX, "")])
@@ -95,6 +121,16 @@ def test_a_leg_in_the_air_is_replayed_without_contacts_and_one_that_lands_with(
     quiet = without_needless_contacts(plant, state)
     assert bool(colliding(quiet.model)[0]) is touches
     assert colliding(plant.model)[0], "the plant itself is left as it is"
+
+
+def test_a_glance_at_the_friction_of_feet_looks_at_less_of_it() -> None:
+    """Feet that do not slip do not mind more, so that says nothing of less."""
+    plant, aligned, floor = aligned_of("quad", simulate("quad", 6.0))
+    replayer = Replayer(plant, aligned, cut(aligned, most=3), floor, 1)
+    context = Context(plant, measure_scales(replayer, Variant.nominal(plant)))
+    for effect in enumerate_effects(context, (), ("ground_friction",)):
+        looked_at = [value for (value,) in _directions(effect)]
+        assert min(looked_at) < 0.6 and any(value > 1.0 for value in looked_at)
 
 
 def test_what_all_likely_rivals_share_is_what_can_be_named() -> None:

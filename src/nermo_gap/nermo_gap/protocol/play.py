@@ -35,12 +35,14 @@ class Body:
         robot: what its controller believes.
         model: makes what it really is.
         servos: makes what its servos make of their commands, anew for each segment: commands (n,) -> commands (n,).
+        forces: makes what pulls at its bodies, anew for each segment, asked before each tick.
         noise: of its sensors.
     """
 
     robot: RobotParameters
     model: Callable[[], mujoco.MjModel]
     servos: Callable[[], Callable[[Array], Array]] | None = None
+    forces: Callable[[], Callable[[mujoco.MjModel, mujoco.MjData], None]] | None = None
     noise: Noise = field(default_factory=Noise)
     markers: Array | None = None
     """(markers, 3) [m] Where markers are glued, beside the frames where they should be; None where it wears none."""
@@ -70,9 +72,11 @@ def play(
         twin.data.qpos[root : root + 7] = stand.pose()
         mujoco.mj_forward(twin.model, twin.data)
     servos = body.servos() if body.servos is not None else _unchanged
+    forces = body.forces() if body.forces is not None else _no_forces
     rows, runs = Rows(twin, body.markers), []
     neutral = np.array([servo.neutral for servo in body.robot.servos.values()])
     for _ in range(round(SETTLE * 1e9 / twin.period_ns)):
+        forces(twin.model, twin.data)
         twin.step(servos(neutral).tolist())
     for number, piece in enumerate(segment.pieces):
         driver = _Driver(piece, body.robot, twin)
@@ -81,6 +85,7 @@ def play(
             told, phases = driver.at(tick * twin.period_ns * 1e-9)
             rows.add(sensors, told.tolist(), phases)
             runs.append(float(number))
+            forces(twin.model, twin.data)
             twin.step(servos(told).tolist())
     table = rows.table(body.noise, random)
     table["t"] = table["t"] - table["t"][0]
@@ -118,3 +123,7 @@ def script_of(piece: Piece, begin_ns: int = 0) -> Script:
 
 def _unchanged(commands: Array) -> Array:
     return commands
+
+
+def _no_forces(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    pass

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS
-from nermo_gap.robots.channels import GYRO, MARKERS, sees_legs
+from nermo_gap.robots.channels import GYRO, MARKERS
 from simgap.data.channels import model_names
 from simgap.data.plant import Plant
 from simgap.effects.base import Effect
@@ -138,22 +138,22 @@ def nuisances(plant: Plant, output_swing: Array, input_size: Array, period: floa
     ):
         number = prior.passive(model, field, rows[0], label.split(" ", 1)[1])
         found.append(Nuisance(label, _scaled((field,), rows, prior.PASSIVE), number))
-    # Where each leg is seen, each has a gain of its own to be told; else those that are alike share one.
-    apart = sees_legs(plant.map)
-    springs = {n: i for i, n in enumerate(joints) if n.endswith("_knee_joint")}
-    for label, rows in _alike(springs, apart).items():
+    # No two parts are alike: a mouse is built by hand. Left and right may show as one, but must not be one.
+    springs = [i for i, n in enumerate(joints) if n.endswith(("_knee_joint", "_ankle_joint"))]
+    spine = [int(model.dof_jntid[d]) for d in vertebrae]
+    for label, rows in (*((joints[i], [i]) for i in springs), ("spine", spine)):
         number = prior.passive(model, "jnt_stiffness", rows[0], label)
         found.append(Nuisance(f"stiffness {label}", _scaled(("jnt_stiffness",), rows, prior.PASSIVE), number))
-    for label, rows in (("ankles", ankles), ("spine", vertebrae)):
-        hinges = [int(model.dof_jntid[d]) for d in rows]
-        number = prior.passive(model, "jnt_stiffness", hinges[0], label)
-        found.append(Nuisance(f"stiffness {label}", _scaled(("jnt_stiffness",), hinges, prior.PASSIVE), number))
-    servos = {n: i for i, n in enumerate(model_names(model, Obj.mjOBJ_ACTUATOR)) if not n.startswith(_IDLE)}
-    for label, rows in _alike(servos, apart).items():
-        found.append(Nuisance(f"gain {label}", _gain(rows), prior.servo_gain(model, rows[0], site=label)))
+    for i, name in enumerate(model_names(model, Obj.mjOBJ_ACTUATOR)):
+        if not name.startswith(_IDLE):
+            found.append(Nuisance(f"gain {name}", _gain([i]), prior.servo_gain(model, i, site=name)))
     world, feet = colliding(model)
     found.append(Nuisance("ground friction", _sliding([*world, *feet]), prior.sliding(model, feet)))
     found.append(Nuisance("contact softness", _softness([*world, *feet]), prior.softness(model, feet)))
+    for foot in feet:
+        if (name := model.geom(foot).name).endswith("_foot"):
+            number = Number("foot friction", name, float(model.geom_friction[foot, 0]), prior.PASSIVE, "1")
+            found.append(Nuisance(f"friction {name}", _rubber(foot), number))
     for place, (frame, site) in MARKERS.items():
         # Only where a leg moves: what the body does not turn shows in its zero alone.
         if frame == "site" and any(output.name == f"marker_{place}_x" for output in plant.outputs):
@@ -185,13 +185,11 @@ def _com(body: int, axis: int, sd: float) -> Apply:
     return apply
 
 
-def _alike(named: dict[str, int], apart: bool) -> dict[str, list[int]]:
-    """Each by itself, or left and right together."""
-    found: dict[str, list[int]] = {}
-    for name, index in named.items():
-        label = name if apart else name.replace("_left_", " ").replace("_right_", " ")
-        found.setdefault(label, []).append(index)
-    return found
+def _rubber(foot: int) -> Apply:
+    def apply(variant: Variant, z: float) -> None:
+        variant.model.geom_friction[foot, 0] *= np.exp(prior.PASSIVE * z)
+
+    return apply
 
 
 def _glued(site: str, axis: int) -> Apply:

@@ -123,7 +123,7 @@ def draw(count: int, seed: int, robots: Sequence[str] = SMALL, seconds: float = 
     The same count, seed and robots give the same cases.
     """
     rng = np.random.default_rng([seed, 7919])
-    numbers = _shares(count)
+    numbers = shares_of(count)
     places = {name: all_sites(name) for name in robots}
     shares = {name: robot_of(name).share for name in robots}
     single = _deck(FAULTS, rng, places)
@@ -154,8 +154,8 @@ def draw(count: int, seed: int, robots: Sequence[str] = SMALL, seconds: float = 
     return cases
 
 
-def _shares(count: int) -> dict[str, int]:
-    """How many of each kind: rounded, the remainder to the largest fractions."""
+def shares_of(count: int) -> dict[str, int]:
+    """How many of each of KINDS: rounded, the remainder to the largest fractions."""
     exact = {k: share * count for k, share in KINDS.items()}
     numbers = {k: int(v) for k, v in exact.items()}
     for kind in sorted(exact, key=lambda k: numbers[k] - exact[k])[: count - sum(numbers.values())]:

@@ -7,13 +7,16 @@ import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
 from simgap.data.errors import GapInputError
 from simgap.execution.executors import HELP as EXECUTOR
 from simgap.execution.executors import PROCESSES
+
+if TYPE_CHECKING:
+    from simgap.blind.run import Plan
 
 # What does the work takes seconds to import, and help is asked for often: commands import it when they run.
 
@@ -31,7 +34,7 @@ def _fail(message: str, status: int) -> NoReturn:
 
 
 @contextlib.contextmanager
-def _refusals() -> Iterator[None]:
+def refusals() -> Iterator[None]:
     """What cannot be done ends the command with one sentence."""
     from simgap.blind.make import BlindError
 
@@ -63,8 +66,8 @@ def make_command(
 
     place = answers or out.with_name(out.name + "-answers")
     names = SMALL if robots is None else tuple(r for r in robots.split(",") if r)
-    with _refusals():
-        made = make(out, place, cases, seed, names, seconds, workers, salt, lambda i, n: _line(f"made {i} of {n}"))
+    with refusals():
+        made = make(out, place, cases, seed, names, seconds, workers, salt, lambda i, n: say(f"made {i} of {n}"))
     typer.echo(f"{len(made['cases'])} cases in {out}, seed {seed}; answers sealed in {place}")
 
 
@@ -91,20 +94,27 @@ def diagnose_command(
       simgap blind diagnose check --out results --workers 16 --threads 1
       simgap blind diagnose check --out results --threads 1 --executor dask:tcp://cluster:8786
     """
-    from simgap.blind.run import Plan, results_file, run
+    from simgap.blind.run import Plan
 
     plan = Plan(
         cases=tuple(case or ()),
         threads=threads or None,
         baselines=baselines,
-        answers=_hidden(folder, answers),
+        answers=hidden_places(folder, answers),
         keep=keep,
         timeout=timeout,
         budget=budget,
         workers=workers,
         place=executor,
     )
-    with _refusals():
+    carry_out(folder, out, plan)
+
+
+def carry_out(folder: Path, out: Path, plan: Plan) -> None:
+    """Diagnose a check by a plan, telling of each case; ends the command where one failed."""
+    from simgap.blind.run import results_file, run
+
+    with refusals():
         found = run(folder, out, plan, _told)
     done = sum(r["status"] == "done" for r in found.values())
     typer.echo(f"{done} of {len(found)} diagnosed; {results_file(out)}")
@@ -113,7 +123,7 @@ def diagnose_command(
         _fail(f"case {first['id']} {first['status']}: {first.get('error')}", 1)
 
 
-def _hidden(folder: Path, answers: list[Path] | None) -> list[Path]:
+def hidden_places(folder: Path, answers: list[Path] | None) -> list[Path]:
     """Places that no diagnosing process may read: those given, and the default one where it exists."""
     usual = folder.resolve().with_name(folder.resolve().name + "-answers")
     return [*(a.resolve() for a in answers or ()), *([usual] if usual.exists() else [])]
@@ -135,7 +145,7 @@ def score_command(
     """
     from simgap.blind.score import markdown, score
 
-    with _refusals():
+    with refusals():
         scored = score(folder, answers, results)
     for path, text in ((json_, json.dumps(scored, indent=1) + "\n"), (markdown_, markdown(scored))):
         if path:
@@ -161,7 +171,7 @@ def calibrate_command(
     """
     from simgap.blind.calibrate import propose, read
 
-    with _refusals():
+    with refusals():
         found = propose(read(folder, answers, results))
     if json_:
         json_.parent.mkdir(parents=True, exist_ok=True)
@@ -191,18 +201,19 @@ def settle_command(
     """
     from simgap.blind.settle import settle
 
-    with _refusals():
-        found = settle(folder, answers, results, out, lambda i, n: _line(f"ran {i} of {n}"))
+    with refusals():
+        found = settle(folder, answers, results, out, lambda i, n: say(f"ran {i} of {n}"))
     typer.echo(f"{len(found)} cases in {out}: diagnose and score them with the same answers")
 
 
 def _told(row: dict[str, Any], finished: int, total: int) -> None:
     verdict = row.get("verdict") or row["status"]
     named = ", ".join(f"{e['name']}@{e['site']}" for e in row.get("effects") or [])
-    _line(f"{finished}/{total} case {row['id']}: {verdict} {named} ({row['wall_s']:.0f} s)")
+    say(f"{finished}/{total} case {row['id']}: {verdict} {named} ({row['wall_s']:.0f} s)")
 
 
-def _line(text: str) -> None:
+def say(text: str) -> None:
+    """A line of progress."""
     typer.echo(text, err=True)
 
 

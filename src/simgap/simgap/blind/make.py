@@ -47,6 +47,27 @@ def make(
     Raises:
         BlindError: a folder that already holds a check, answers inside of the data, or values out of range.
     """
+    folder, answers = apart(folder, answers, count)
+    if not 6.0 <= seconds <= 120.0:
+        raise BlindError(f"seconds = {seconds:g}: must lie between 6 and 120")
+    try:
+        cases = draw(count, seed, robots, seconds)
+    except ValueError as error:
+        raise BlindError(str(error)) from error
+    entries = []
+    for done, case in enumerate(_simulated(cases, workers, robots), 1):
+        entries.append(_publish(case, folder, answers, salt))
+        if progress:
+            progress(done, count)
+    return write_manifest(folder, answers, entries, seed, robots, [c.answer() for c in cases])
+
+
+def apart(folder: Path, answers: Path, count: int) -> tuple[Path, Path]:
+    """Where a new check and its answers go, absolute; the answers' folder is there then, for its owner alone.
+
+    Raises:
+        BlindError: a folder that already holds a check, answers inside of the data, or too many cases.
+    """
     folder, answers = folder.resolve(), answers.resolve()
     if answers == folder or folder in answers.parents or answers in folder.parents:
         raise BlindError(f"answers = {answers}: must lie outside of {folder}, and not around it")
@@ -55,27 +76,35 @@ def make(
             raise BlindError(f"{place} already exists: choose another folder")
     if not 1 <= count <= 10_000:
         raise BlindError(f"cases = {count}: must lie between 1 and 10000")
-    if not 6.0 <= seconds <= 120.0:
-        raise BlindError(f"seconds = {seconds:g}: must lie between 6 and 120")
-    try:
-        cases = draw(count, seed, robots, seconds)
-    except ValueError as error:
-        raise BlindError(str(error)) from error
     answers.mkdir(parents=True, exist_ok=True)
     answers.chmod(0o700)
-    entries = []
-    for done, case in enumerate(_simulated(cases, workers, robots), 1):
-        entries.append(_publish(case, folder, answers, salt or secrets.token_hex(16)))
-        if progress:
-            progress(done, count)
+    return folder, answers
+
+
+def seal(answer: dict[str, Any], answers: Path, salt: str | None = None) -> str:
+    """Write ``answers``/ID.json, salted; returns its SHA-256, which is published."""
+    text = json.dumps(answer | {"salt": salt or secrets.token_hex(16)}, indent=1, sort_keys=True) + "\n"
+    (answers / f"{answer['id']}.json").write_text(text, encoding="utf-8")
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def write_manifest(
+    folder: Path,
+    answers: Path,
+    entries: Sequence[dict[str, Any]],
+    seed: int,
+    robots: Sequence[str],
+    cases: Sequence[dict[str, Any]],
+) -> dict[str, Any]:
+    """Publish the cases' entries as ``folder``/manifest.json, and seal seed and ``cases`` in ``answers``."""
     manifest = {
         "schema": SCHEMA,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {"mujoco": mujoco.__version__, "python": platform.python_version()},
-        "cases": entries,
+        "cases": list(entries),
     }
     (folder / "manifest.json").write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
-    sealed = {"schema": SCHEMA, "seed": seed, "robots": list(robots), "cases": [c.answer() for c in cases]}
+    sealed = {"schema": SCHEMA, "seed": seed, "robots": list(robots), "cases": list(cases)}
     (answers / "answers.json").write_text(json.dumps(sealed, indent=1) + "\n", encoding="utf-8")
     return manifest
 
@@ -96,19 +125,17 @@ def _update(cases: Sequence[Case], i: int, case: Case) -> Case:
     return case
 
 
-def _publish(case: Case, folder: Path, answers: Path, salt: str) -> dict[str, Any]:
+def _publish(case: Case, folder: Path, answers: Path, salt: str | None) -> dict[str, Any]:
     robot, place = robot_of(case.robot), folder / "data" / case.id
     place.mkdir(parents=True, exist_ok=True)
     write_recording(case.columns, place / "recording.npz")
     (place / "map.yaml").write_text(yaml.safe_dump(robot.mapping, sort_keys=False), encoding="utf-8")
     (place / "model.xml").write_text(robot.xml, encoding="utf-8")
-    answer = json.dumps(case.answer() | {"salt": salt}, indent=1, sort_keys=True) + "\n"
-    (answers / f"{case.id}.json").write_text(answer, encoding="utf-8")
     return {
         "id": case.id,
         "robot": case.robot,
         "seconds": case.seconds,
-        "answer_sha256": hashlib.sha256(answer.encode()).hexdigest(),
+        "answer_sha256": seal(case.answer(), answers, salt),
         "recording_sha256": hashlib.sha256((place / "recording.npz").read_bytes()).hexdigest(),
     }
 

@@ -72,6 +72,7 @@ class Plan:
         timeout: of one case [s].
         budget: no case is begun later than this [s], and those under way are stopped then, to be resumed another time.
         workers: cases at a time.
+        worker: module that diagnoses a case, by `simgap.blind.worker.run`.
         place: as `open_pool` takes it: where the processes are started; elsewhere than here, both folders must be what
             is found under the same paths there.
     """
@@ -85,6 +86,7 @@ class Plan:
     timeout: float = 1800.0
     budget: float | None = None
     workers: int = 1
+    worker: str = "simgap.blind.worker"
     place: str = PROCESSES
 
     @property
@@ -160,7 +162,7 @@ def _diagnose(job: _Job) -> dict[str, Any]:
     case, out = job.case, job.out
     started = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="blind-") as scratch:
-        command = [sys.executable, "-P", "-m", "simgap.blind.worker", str(case), scratch, json.dumps(job.plan.options)]
+        command = [sys.executable, "-P", "-m", job.plan.worker, str(case), scratch, json.dumps(job.plan.options)]
         environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
         row: dict[str, Any] = {"id": case.name, "status": "failed"}
         try:

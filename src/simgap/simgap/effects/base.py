@@ -139,6 +139,9 @@ class Effect(ABC):
     name: str
     grows: ClassVar[bool] = False
     """Whether ``apply`` looks at ``variant.moment``."""
+    one_sided: ClassVar[bool] = False
+    """Whether what a change in one direction shows says nothing of the other: a foot that does not slip does not mind
+    more friction."""
     special_case: ClassVar[str] = ""
     """Name of the effect whose law this one's generalises, at the same site."""
 

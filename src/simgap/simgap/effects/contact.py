@@ -23,6 +23,7 @@ class GroundFriction(Effect):
     """The ground is more slippery or rougher, everywhere or under one foot."""
 
     name = "ground_friction"
+    one_sided = True
 
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:

@@ -75,6 +75,9 @@ class Effort:
     max_effects: int = MAX_EFFECTS
     sought: int = 200
     """Replays in search of a law with more parameters."""
+    twice: bool = False
+    """Whether candidates are screened about the nominal numbers' best fit too, and those that promise most either way
+    are fitted: where many numbers are off, what a change shows beside wrong ones says little."""
 
 
 def by_score(scored: Scored) -> float:
@@ -138,15 +141,39 @@ class Candidates:
         assert fitter.nominal is not None
         kept, fitter.jacobian = fitter.jacobian, fitter.nominal_jacobian
         try:
-            return screen(
-                fitter,
-                fitter.nominal,
-                self.effects,
-                lambda share: self.say("screen", share),
-                self.effort.hopeful,
-            )
+            return self._screened(fitter.nominal, (0.0, 0.5 if self.effort.twice else 1.0))
         finally:
             fitter.jacobian = kept
+
+    def most_promising(self, screened: Sequence[Screened], reference: Fit) -> list[Start]:
+        """The starts to fit: the best of a screening, or also of one about ``reference`` where the effort says so."""
+        starts = [(s.effect, s.x, s.z) for s in screened[: self.effort.survivors]]
+        if not self.effort.twice:
+            return starts
+        other = self._screened(reference, (0.5, 1.0))
+        # The same effect from two sides begins where it costs less.
+        every = [s for one in (screened, other) for s in one[: self.effort.survivors]]
+        costs = [self._replayed_cost(Hypothesis((s.effect,)), s.x, s.z) for s in every]
+        found: dict[int, Start] = {}
+        for i in np.argsort(costs):
+            found.setdefault(id(every[i].effect), (every[i].effect, every[i].x, every[i].z))
+        return list(found.values())
+
+    def _screened(self, fit: Fit, span: tuple[float, float]) -> list[Screened]:
+        low, high = span
+        return screen(
+            self.fitter,
+            fit,
+            self.effects,
+            lambda share: self.say("screen", low + (high - low) * share),
+            self.effort.hopeful,
+            thorough=self.effort.twice,
+        )
+
+    def _replayed_cost(self, hypothesis: Hypothesis, x: Array, z: Array) -> float:
+        """What a point costs, by a true replay of all windows."""
+        square = self.fitter.mean_square(self.fitter.replay(hypothesis, [(x, z)])[0])
+        return float(self.fitter.data_cost(square)) + 0.5 * float(z @ z)
 
     def fitted(self, starts: Sequence[Start], base: Scored) -> list[Scored]:
         """Fits of ``base`` with one effect more, best first."""
@@ -157,7 +184,8 @@ class Candidates:
 
         def begun(effect: Effect, x: Array, z: Array) -> Fit:
             hypothesis = base.fit.hypothesis.with_effect(effect)
-            x, z = self._nearest(hypothesis, x, z, select) if first else (x, z)
+            if first and not self.effort.twice:
+                x, z = self._nearest(hypothesis, x, z, select)
             many = hypothesis.size > MANY_PARAMETERS
             return self.fitter.fit(hypothesis, np.concatenate([base.fit.x, x]), z, select=select, roughly=many)
 

@@ -13,6 +13,7 @@ from simgap.effects.link import Late
 from simgap.inference.deviations import NORMAL_90, parameter_deviation
 from simgap.inference.hypothesis import Fit
 from simgap.inference.scores import PER_PARAMETER, Scored, Scores
+from simgap.inference.thresholds import MOST
 
 Array = NDArray[np.float64]
 
@@ -21,7 +22,9 @@ EVIDENCE = 4.0
 EVIDENCE_MORE = 16.0
 """Any further effect so many: what the first one's law does not get quite right is cheap for some other to take."""
 RELEVANT = 0.10
-"""An effect must take at least this share of the gap (or as much strain off the priors as EVIDENCE)."""
+"""An effect must take at least this share of the gap, or MOST of what is left of it above the noise floor (or as much
+strain off the priors as EVIDENCE). Healthy robots of the blind set 2511261945 leave up to 1.23 floors, and no effect
+takes more than 15 % of what is above 1; soft ankles of a mouse take 70 % of 0.11."""
 MORE = 0.3
 """Any further effect must take this share of what the typical window is left with above the noise floor."""
 FURTHER = 0.1
@@ -194,5 +197,6 @@ def earns(
     else:
         shares.append((without.gap, with_.gap))
         relevant = any(after < (1.0 - RELEVANT) * before for before, after in shares) or strain > EVIDENCE
+        relevant |= any(after - 1.0 < (1.0 - MOST) * (before - 1.0) for before, after in shares if before > 1.0)
     evidence = EVIDENCE_MORE if without.fit.hypothesis.effects else EVIDENCE
     return gain > evidence + np.log(max(looked_at, 1)) and low > 0.0 and relevant

@@ -71,11 +71,12 @@ def screen(
     effects: Sequence[Effect],
     progress: Callable[[float], None] | None = None,
     hopeful: int | None = None,
+    thorough: bool = False,
 ) -> list[Screened]:
     """Rank candidates, each added to ``fit``'s hypothesis; best first.
 
     Where a model has more than ``hopeful`` candidates, a look at fewer windows from moderate starts only leaves out
-    what promises least.
+    what promises least; ``thorough``: from as many starts in a crowd.
 
     The residual at a start value is a true replay; between it and the residual without the effect, and in the
     nuisances, it is taken for linear. One start is kept for each candidate.
@@ -83,9 +84,10 @@ def screen(
     chosen, done = list(effects), 0.0
     if hopeful is not None and len(chosen) > 1.3 * hopeful:
         crowd = len(chosen) > _CROWD
-        starts = {id(e): (_directions(e) if crowd else _moderate(e.starts())) + _far(e, crowd) for e in chosen}
+        glance = _directions if crowd and not thorough else _moderate
+        starts = {id(e): glance(e) + _far(e, crowd) for e in chosen}
         few = informative_windows(fitter, fit, _GLANCE_CROWD if crowd else _GLANCE)
-        ranked = _ranked(fitter, fit, chosen, starts, few, progress, (0.0, 0.6), crowd)
+        ranked = _ranked(fitter, fit, chosen, starts, few, progress, (0.0, 0.6), crowd and not thorough)
         # What a robot has but one of (its ground, its link) is no crowd.
         sites = places(chosen)
         hope = ranked[:hopeful] + [s for s in ranked[hopeful:] if sites[s.effect.name] == 1]
@@ -109,8 +111,11 @@ def _beyond(screened: Screened) -> tuple[float, ...] | None:
     return screened.effect.times(_FURTHER, screened.x) if screened.farthest and screened.effect.one_size else None
 
 
-def _moderate(starts: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
-    """Of three the weaker two (a limit that is reached now and then shows little when far lower), of four the inner."""
+def _moderate(effect: Effect) -> list[tuple[float, ...]]:
+    """Of three starts the weaker two, for a limit that is reached now and then shows little when far lower; of four the
+    inner.
+    """
+    starts = effect.starts()
     return starts[:2] if len(starts) == 3 else starts[1:-1] if len(starts) == 4 else starts
 
 
@@ -120,10 +125,15 @@ def _far(effect: Effect, crowd: bool) -> list[tuple[float, ...]]:
 
 
 def _directions(effect: Effect) -> list[tuple[float, ...]]:
-    """The stronger of the moderate starts in each direction from neutral; an opposite is the same direction."""
+    """The stronger of the moderate starts in each direction from neutral; an opposite is the same direction.
+
+    Of an effect that is `one_sided` all but the strongest.
+    """
+    if effect.one_sided:
+        return sorted(effect.starts(), key=lambda start: abs(effect.parameters[0].away(start[0])))[:-1]
     neutral, scale = (np.array([getattr(p, a) for p in effect.parameters]) for a in ("neutral", "scale"))
     kept: list[tuple[tuple[float, ...], Array]] = []
-    for start in reversed(_moderate(effect.starts())):
+    for start in reversed(_moderate(effect)):
         away = (np.array(start) - neutral) / scale
         away = away / max(float(np.linalg.norm(away)), 1e-300)
         if all(abs(float(away @ other)) < 0.9 for _, other in kept):

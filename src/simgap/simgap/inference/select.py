@@ -195,7 +195,7 @@ class Selector:
     def _compete(self, reference: Scored, begun: Selection | None) -> Selection:
         screened = self.candidates.screened_about_nominal()
         self._found.screened = screened
-        starts = [(s.effect, s.x, s.z) for s in screened[: self._effort.survivors]]
+        starts = self.candidates.most_promising(screened, reference.fit)
         singles = self.candidates.fitted([*self.candidates.hinted(self._hints), *starts], reference)
         self._found.singles = singles
         singles, reference = self.candidates.finals(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import mujoco
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from nermo_description.model import build_model
 from nermo_description.parameters import RobotParameters
-from nermo_gap.blind.mice.faults import KINDS, Fault
+from nermo_gap.blind.mice.faults import KINDS, KNOWN, UNKNOWN, Fault, all_forces, all_servos
 from nermo_gap.protocol.play import Body
 from nermo_gap.robots.channels import MARKERS
 from simgap.data.errors import GapInputError
@@ -35,25 +35,31 @@ def draw(robot: RobotParameters, number: int, kind: str | None = None, markers: 
     Raises:
         GapInputError: a kind that is not known.
     """
-    if kind is not None and kind not in KINDS:
-        raise GapInputError(f"fault {kind!r} is unknown: choose one of {', '.join(KINDS)}")
+    every = KINDS | KNOWN | UNKNOWN
+    if kind is not None and kind not in every:
+        raise GapInputError(f"fault {kind!r} is unknown: choose one of {', '.join(every)}")
     random = np.random.default_rng([number, 0x6E65])
     drawn = str(random.choice(list(KINDS)))
-    fault = KINDS[kind or drawn](random)
-    off = int(random.integers(2**31))
+    fault = every[kind or drawn](random)
+    return with_faults(robot, number, [fault], int(random.integers(2**31)), markers), fault
+
+
+def with_faults(robot: RobotParameters, number: int, faults: Sequence[Fault], off: int, markers: bool = False) -> Body:
+    """A mouse with these faults, whose every number is off as the seed ``off`` says."""
 
     def model() -> mujoco.MjModel:
         built = build_model(robot)
         _make_real(built, np.random.default_rng(off))
-        fault.enter(built)
+        for fault in faults:
+            fault.enter(built)
         mujoco.mj_setConst(built, mujoco.MjData(built))
         return built
 
     def servos() -> Callable[[Array], Array]:
-        return fault.servos(list(robot.servos), PERIOD)
+        return all_servos(faults, list(robot.servos), PERIOD)
 
     glued = GLUED * np.random.default_rng([number, 0x676C]).standard_normal((len(MARKERS), 3)) if markers else None
-    return Body(robot, model, servos, markers=glued), fault
+    return Body(robot, model, servos, forces=lambda: all_forces(faults), markers=glued)
 
 
 def _make_real(model: mujoco.MjModel, random: np.random.Generator) -> None:

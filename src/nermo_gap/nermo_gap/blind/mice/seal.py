@@ -10,10 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nermo_description.model import build_robot
-from nermo_description.robots import load_robot
-from nermo_gap.blind.mice.faults import Fault
-from nermo_gap.robots.sites import groups
+from nermo_gap.blind.mice.faults import UNKNOWN, Fault
+from nermo_gap.blind.mice.places import part, parts_at, sites_of
 from simgap.data.errors import GapInputError
 
 SEALED = "answer.sealed"
@@ -40,6 +38,8 @@ class Answer:
         """In words."""
         if self.kind == "none":
             return "nothing was wrong with this mouse"
+        if not self.says:
+            return f"{self.kind.replace('_', ' ')} at {', '.join(self.parts)}, for which the library has no word"
         unit = "" if self.unit == "1" else f" {self.unit}"
         return f"{self.kind.replace('_', ' ')}: {self.says} {self.value:.3g}{unit} at {', '.join(self.parts)}"
 
@@ -78,27 +78,19 @@ def judge(answer: Answer, report: dict[str, Any]) -> str:
     """How a diagnosis did: `right`, `right part`, `near`, `false alarm`, `missed` or `wrong`.
 
     Right is the fault's own effect at all of its parts and no other, or nothing where nothing is wrong. The right part
-    is another effect at the same parts; near is one that shares some of them, or that is not the only one named.
+    is another effect at the same parts; near is one that shares some of them, or that is not the only one named. Of
+    what the library has no word for, it is right to say so.
     """
-    found = [(str(e["name"]), _parts(answer.robot, str(e["site"]))) for e in report["effects"]]
+    found = [(str(e["name"]), str(e["site"])) for e in report["effects"]]
+    if answer.kind in UNKNOWN:
+        nothing = report["verdict"] in ("no_gap", "calibration")
+        said = report["verdict"] == "unknown" or (report["verdict"] == "partial" and not found)
+        return "right" if said else "missed" if nothing else "wrong"
     if answer.kind == "none":
         return "false alarm" if report["verdict"] in ("effect", "ambiguous", "partial") and found else "right"
     if not found or report["verdict"] in ("no_gap", "calibration"):
         return "missed"
-    truth = {_part(name) for name in answer.parts}
-    if len(found) == 1 and found[0][1] == truth:
+    if len(found) == 1 and found[0][1] in sites_of(answer.robot, answer.parts):
         return "right" if found[0][0] == answer.says and report["verdict"] == "effect" else "right part"
-    return "near" if any(parts & truth for _, parts in found) else "wrong"
-
-
-def _parts(robot: str, site: str) -> set[str]:
-    """Parts behind the site of an effect."""
-    model = build_robot(load_robot(robot)).compile()
-    return {_part(name) for name in groups(model).get(site, (site,))}
-
-
-def _part(name: str) -> str:
-    """Joint, servo, pulley and cable of one knee are one part."""
-    for ending in ("_pulley_joint", "_tendon", "_joint"):
-        name = name.removesuffix(ending)
-    return name
+    truth = {part(name) for name in answer.parts}
+    return "near" if any(parts_at(answer.robot, site) & truth for _, site in found) else "wrong"
