@@ -61,7 +61,8 @@ WATCHDOG = Silence(
     "exchanges with a board",
     0.5,
     "the board makes its servos limp by itself",
-    "nobody is left who could hold or crouch; the board's register `watchdog` sets it",
+    "after the supervisor's own `line_lost` (0.3 s, `safety/rules.py`), for nobody is left who could hold or crouch; "
+    "the board's register `watchdog` sets it",
 )
 
 SILENCES = (HOLD, CROUCH, AWAY, STICK, WALK, TARGETS, OWNER, LINK, GONE, WATCHDOG)

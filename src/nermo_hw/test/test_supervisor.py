@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from standing import BEGIN, NEUTRAL, ROBOT, SAMPLE, SERVOS
 
+from nermo_description.silence import WATCHDOG
 from nermo_hw.safety.rules import RULE_OF, RULES, Cause, State, table
 from nermo_hw.safety.supervisor import Output, RefusedCommandError, SafetySettings, SafetySupervisor
 from nermo_hw.types import Fault, SensorSample
@@ -333,3 +334,9 @@ def test_nothing_that_comes_in_gets_an_unsafe_output_out(events: list) -> None:
 def test_the_table_stands_in_the_documentation() -> None:
     page = Path(__file__).parents[3] / "docs" / "nermo_link.md"
     assert table() in page.read_text(encoding="utf-8")
+
+
+def test_the_supervisor_knows_that_a_line_is_lost_before_the_boards_give_up() -> None:
+    rule = RULE_OF[Cause.LINE_LOST]
+    assert rule.after < WATCHDOG.after
+    assert f"{rule.after:g} s" in WATCHDOG.why

@@ -76,7 +76,7 @@ def screen(
     """Rank candidates, each added to ``fit``'s hypothesis; best first.
 
     Where a model has more than ``hopeful`` candidates, a look at fewer windows from moderate starts only leaves out
-    what promises least; ``thorough``: from as many starts in a crowd.
+    what promises least; ``thorough``: but from all of them.
 
     The residual at a start value is a true replay; between it and the residual without the effect, and in the
     nuisances, it is taken for linear. One start is kept for each candidate.
@@ -84,8 +84,7 @@ def screen(
     chosen, done = list(effects), 0.0
     if hopeful is not None and len(chosen) > 1.3 * hopeful:
         crowd = len(chosen) > _CROWD
-        glance = _directions if crowd and not thorough else _moderate
-        starts = {id(e): glance(e) + _far(e, crowd) for e in chosen}
+        starts = {id(e): _glanced_at(e, crowd, thorough) + _far(e, crowd) for e in chosen}
         few = informative_windows(fitter, fit, _GLANCE_CROWD if crowd else _GLANCE)
         ranked = _ranked(fitter, fit, chosen, starts, few, progress, (0.0, 0.6), crowd and not thorough)
         # What a robot has but one of (its ground, its link) is no crowd.
@@ -109,6 +108,13 @@ def screen(
 def _beyond(screened: Screened) -> tuple[float, ...] | None:
     """The next start value of a candidate with one parameter that promises most as far as its start tells, if any."""
     return screened.effect.times(_FURTHER, screened.x) if screened.farthest and screened.effect.one_size else None
+
+
+def _glanced_at(effect: Effect, crowd: bool, thorough: bool) -> list[tuple[float, ...]]:
+    """The starts of a glance."""
+    if thorough:
+        return effect.starts()
+    return _directions(effect) if crowd else _moderate(effect)
 
 
 def _moderate(effect: Effect) -> list[tuple[float, ...]]:
