@@ -194,7 +194,8 @@ def test_a_mouse_is_recorded_sealed_diagnosed_behind_bars_and_scored(tmp_path: P
     told = (check / "manifest.json").read_text(encoding="utf-8")
     assert truth["kind"] not in told and str(truth["seed"]) not in told
     assert read_manifest(check) == manifest
-    asked = ["mice", "diagnose", str(check), "--out", str(results), "--answers", str(sealed), "--workers", "1"]
+    asked = ["mice", "diagnose", str(check), "--out", str(results), "--answers", str(sealed)]
+    asked += ["--workers", "1", "--only", "ground_friction"]
     run = CliRunner().invoke(gap_app, asked)
     assert run.exit_code == 0, run.output
     (line,) = (results / "results.jsonl").read_text(encoding="utf-8").splitlines()

@@ -68,6 +68,7 @@ def diagnose_command(
     timeout: Annotated[float, typer.Option(help="Of one mouse [s].")] = 1800.0,
     budget: Annotated[float | None, typer.Option(help="Stop after this time [s]; what is left waits.")] = None,
     case: Annotated[list[str] | None, typer.Option(help="Only this mouse (may be repeated).")] = None,
+    only: Annotated[list[str] | None, typer.Option(help="Consider this effect only (may be repeated).")] = None,
     keep: Annotated[bool, typer.Option(help="Keep every diagnosis.json.")] = False,
     answers: Annotated[
         list[Path] | None, typer.Option(help="Where answers lie: each process tries to read there, and must fail.")
@@ -87,6 +88,7 @@ def diagnose_command(
         cases=tuple(case or ()),
         threads=1,
         baselines=False,
+        only=tuple(only or ()),
         answers=hidden_places(folder, answers),
         keep=keep,
         timeout=timeout,

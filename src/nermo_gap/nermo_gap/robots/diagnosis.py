@@ -45,7 +45,7 @@ WINDOWS = 12
 REPORTING_HORIZON, REPORTING_WARM_UP, REPORTING_WINDOWS = 0.4, 0.6, 15
 """[s], [s] and number where servos report: what is wrong with one shows soon, but its integrator remembers for half a
 second."""
-EFFORT = dataclasses.replace(HEAVY, hopeful=25, survivors=9, finalists=4, twice=True)
+EFFORT = dataclasses.replace(HEAVY, hopeful=30, survivors=6, finalists=4, twice=True)
 """Every number of a mouse that was built by hand is a little off, and its gait is anything but linear in them."""
 SERVO_JOINTS, CABLE_JOINTS = ("_hip_joint", "_pulley_joint"), ("_knee_joint",)
 """Joints whose servo has an integrator, and joints that a cable holds against a spring."""
@@ -106,7 +106,8 @@ def options_for(plant: Plant, robot: RobotParameters, columns: Sequence[str], ba
         resolution=resolution(columns),
         phases=gait_phases,
         menu=MouseMenu(robot),
-        effort=base.effort or EFFORT,
+        # Whoever is in a hurry has no time to look twice.
+        effort=base.effort or (EFFORT if base.budget is None else None),
     )
 
 

@@ -45,6 +45,8 @@ _SHAKEN_STARTS = 3
 """Of these values so many are fitted."""
 _ANOTHER_NAME = 0.995
 """Two effects whose sensitivities have this cosine are one change under two names."""
+_GLIMPSE = 4
+"""Steps of a fit after which candidates of two screenings are compared."""
 _UNTOUCHED = 3
 """Effects that are also tried beside untouched nominal numbers, where those are bent far."""
 MAX_EFFECTS = 3
@@ -76,8 +78,9 @@ class Effort:
     sought: int = 200
     """Replays in search of a law with more parameters."""
     twice: bool = False
-    """Whether candidates are screened about the nominal numbers' best fit too, and those that promise most either way
-    are fitted: where many numbers are off, what a change shows beside wrong ones says little."""
+    """Whether candidates are screened about the nominal numbers' best fit too, and what promises most either way, of
+    each kind too, is compared by a few steps of a fit: where many numbers are off, what a change shows beside wrong
+    ones says little."""
 
 
 def by_score(scored: Scored) -> float:
@@ -151,13 +154,17 @@ class Candidates:
         if not self.effort.twice:
             return starts
         other = self._screened(reference, (0.5, 1.0))
-        # The same effect from two sides begins where it costs less.
-        every = [s for one in (screened, other) for s in one[: self.effort.survivors]]
-        costs = [self._replayed_cost(Hypothesis((s.effect,)), s.x, s.z) for s in every]
+        assert self.fitter.nominal is not None
+        select = informative_windows(self.fitter, self.fitter.nominal, FIT_WINDOWS)
+        chosen = [s for one in (screened, other) for s in _foremost(one, self.effort.survivors)]
+        fits = []
+        for i, s in enumerate(chosen):
+            self.say("compare", i / len(chosen))
+            fits.append((s.effect, self.fitter.fit(Hypothesis((s.effect,)), s.x, s.z, _GLIMPSE, select=select)))
         found: dict[int, Start] = {}
-        for i in np.argsort(costs):
-            found.setdefault(id(every[i].effect), (every[i].effect, every[i].x, every[i].z))
-        return list(found.values())
+        for effect, fit in sorted(fits, key=lambda f: f[1].cost):
+            found.setdefault(id(effect), (effect, fit.x, fit.z))
+        return list(found.values())[: self.effort.survivors]
 
     def _screened(self, fit: Fit, span: tuple[float, float]) -> list[Screened]:
         low, high = span
@@ -169,11 +176,6 @@ class Candidates:
             self.effort.hopeful,
             thorough=self.effort.twice,
         )
-
-    def _replayed_cost(self, hypothesis: Hypothesis, x: Array, z: Array) -> float:
-        """What a point costs, by a true replay of all windows."""
-        square = self.fitter.mean_square(self.fitter.replay(hypothesis, [(x, z)])[0])
-        return float(self.fitter.data_cost(square)) + 0.5 * float(z @ z)
 
     def fitted(self, starts: Sequence[Start], base: Scored) -> list[Scored]:
         """Fits of ``base`` with one effect more, best first."""
@@ -414,6 +416,13 @@ class Candidates:
         """Report progress: ``share`` of a stage is done."""
         if self._progress:
             self._progress(stage, share)
+
+
+def _foremost(screened: Sequence[Screened], count: int) -> list[Screened]:
+    """So many of those that were screened, the best first, and the best of each kind of effect."""
+    kinds = {s.effect.name: s for s in reversed(screened)}
+    first = list(screened[:count])
+    return [*first, *(s for s in kinds.values() if not any(s is f for f in first))]
 
 
 def _parts(effect: Effect, spoken: Sequence[str]) -> list[str]:
