@@ -60,6 +60,33 @@ def test_what_began_by_the_wall_clock_is_played_whole_by_a_clock_that_is_found_l
     graph.spin_until(advance, "it goes on saying so by the simulation's")
 
 
+def test_a_twin_that_ends_ends_the_player_with_an_error(graph, tmp_path: Path) -> None:
+    path = tmp_path / "walk.yaml"
+    path.write_text("{duration: 60, commands: [{at: 0, posture: walk, forward_velocity: 0.05}]}")
+    heard: list[int] = []
+    graph.node.create_subscription(
+        ControlCommand, "control_command", lambda message: heard.append(message.header.stamp.sec), 50
+    )
+    clock = graph.node.create_publisher(Clock, "/clock", 10)
+    player = graph.start(PLAYER, *graph.parameters(file=str(path)))
+    now = 0
+
+    def advance() -> bool:
+        nonlocal now
+        now += 20_000_000
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(now, 1_000_000_000)
+        clock.publish(message)
+        return len(heard) > 5
+
+    graph.spin_until(advance, "it plays by the twin's clock")
+    graph.node.destroy_publisher(clock)
+    output, _ = player.communicate(timeout=30)
+    assert player.returncode == 1
+    assert "has the twin ended?" in output and "of 60 s were played" in output
+    assert "Traceback" not in output
+
+
 def test_in_lockstep_each_tick_gets_its_own_command(graph, file: str) -> None:
     heard: list[ControlCommand] = []
     graph.node.create_subscription(ControlCommand, "control_command", heard.append, 50)

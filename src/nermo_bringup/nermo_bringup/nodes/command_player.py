@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
+from rclpy.clock import Clock as NodeClock
+from rclpy.clock import ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
@@ -19,6 +21,11 @@ from nermo_node.graph_clock import GraphClock
 from nermo_node.inputs import Inputs
 from nermo_node.parameters import declare
 from nermo_node.time import to_nanoseconds
+
+JUMP_S = 2.0
+"""A clock that goes on by more at once is another one: that of the machine, where a twin has ended."""
+
+WATCH_S = 0.5
 
 
 class PlayerParameters(BaseModel):
@@ -48,6 +55,7 @@ class CommandPlayer(Node):
         self._lockstep = parameters.lockstep
         self._graph_clock = GraphClock(self)
         self._start: int | None = None
+        self._last = 0
         self._over = False
         self.get_logger().info(f"waiting for somebody who listens to {self._outlet.unheard} ({called()} up)")
         if parameters.lockstep:
@@ -56,20 +64,29 @@ class CommandPlayer(Node):
         else:
             period = SERVO_PERIOD_S if self._script.servos else CONTROL_PERIOD_S
             self.create_timer(period, lambda: self._play(self._graph_clock.stamp()))
+            # The timer above stands still with a twin that has ended; this one sees it.
+            steady = NodeClock(clock_type=ClockType.STEADY_TIME)
+            self.create_timer(WATCH_S, lambda: self._play(self._graph_clock.stamp()), clock=steady)
 
     def _play(self, now: int) -> None:
-        if self._over:
+        if self._over or (now == 0 and not self._lockstep):
             return
         if self._start is None:
-            if self._outlet.unheard is not None or (now == 0 and not self._lockstep):
+            if self._outlet.unheard is not None:
                 return
-            self._start = now
+            self._start = self._last = now
             self.get_logger().info(f"playing {self._script.duration / 1e9:g} s")
         if now < self._start:
             # A twin that came up later is the clock now: what went out before was another's time.
             self._start = None
             return
-        elapsed = now - self._start
+        if now - self._last > JUMP_S * 1e9:
+            played = (self._last - self._start) * 1e-9
+            raise RuntimeError(
+                f"the clock went on by {(now - self._last) * 1e-9:.0f} s at once (has the twin ended?): the first "
+                f"{played:.1f} s of {self._script.duration / 1e9:g} s were played"
+            )
+        self._last, elapsed = now, now - self._start
         if elapsed > self._script.duration:
             self._finish(now)
         elif (command := self._script.control_at(elapsed, now)) is not None:
