@@ -106,8 +106,8 @@ def options_for(plant: Plant, robot: RobotParameters, columns: Sequence[str], ba
         resolution=resolution(columns),
         phases=gait_phases,
         menu=MouseMenu(robot),
-        # Whoever is in a hurry has no time to look twice.
-        effort=base.effort or (EFFORT if base.budget is None else None),
+        # Whoever is in a hurry has no time to look twice, and servos that report say where to look.
+        effort=base.effort or (None if reports or base.budget is not None else EFFORT),
     )
 
 
