@@ -209,6 +209,22 @@ def test_a_small_check_is_made_diagnosed_and_scored(tmp_path: Path) -> None:
         score(folder, answers, out)
 
 
+def test_results_of_another_check_are_neither_gone_on_with_nor_scored(tmp_path: Path) -> None:
+    folder, answers, out = tmp_path / "check", tmp_path / "sealed", tmp_path / "results"
+    manifest = make(folder, answers, 1, seed=3, robots=("pendulum",), seconds=6.0)
+    out.mkdir()
+    row = {"id": "000", "status": "done", "verdict": "no_gap", "robot": "pendulum"}
+    lines = out / "results.jsonl"
+    lines.write_text(json.dumps(row | {"recording_sha256": "0" * 64}) + "\n", encoding="utf-8")
+    with pytest.raises(BlindError, match="case 000 is of another check"):
+        run(folder, out, Plan())
+    with pytest.raises(BlindError, match="case 000 is of another check"):
+        score(folder, answers, out)
+    own = manifest["cases"][0]["recording_sha256"]
+    lines.write_text(json.dumps(row | {"recording_sha256": own}) + "\n", encoding="utf-8")
+    assert score(folder, answers, out)["scored"] == 1
+
+
 @pytest.mark.timeout(300)
 def test_an_interrupted_run_ends_at_once_and_keeps_what_is_done(tmp_path: Path) -> None:
     folder, answers, out = tmp_path / "check", tmp_path / "sealed", tmp_path / "results"

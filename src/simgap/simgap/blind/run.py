@@ -58,6 +58,24 @@ def read_results(out: Path) -> dict[str, dict[str, Any]]:
     return found
 
 
+def results_of(manifest: dict[str, Any], out: Path) -> dict[str, dict[str, Any]]:
+    """`read_results` of this check.
+
+    Raises:
+        BlindError: they are another check's, by the digests of the recordings.
+    """
+    found, digests = read_results(out), recording_digests(manifest)
+    for case, row in found.items():
+        if row.get("recording_sha256", digests.get(case)) != digests.get(case):
+            raise BlindError(f"{results_file(out)}: case {case} is of another check: choose another folder")
+    return found
+
+
+def recording_digests(manifest: dict[str, Any]) -> dict[str, str]:
+    """What was recorded last of each case."""
+    return {c["id"]: c.get("next_sha256", c["recording_sha256"]) for c in manifest["cases"]}
+
+
 @dataclass(frozen=True)
 class Plan:
     """Which cases are diagnosed, how, and by how many processes.
@@ -100,7 +118,7 @@ def run(folder: Path, out: Path, plan: Plan, progress: Progress | None = None) -
     """Diagnose what has no result yet; a line of JSON a case is appended to ``out``/results.jsonl as it comes.
 
     Raises:
-        BlindError: no check, answers within reach, or unknown cases.
+        BlindError: no check, answers within reach, unknown cases, or results of another check in ``out``.
         GapInputError: the place cannot be used.
     """
     folder, out = folder.resolve(), out.resolve()
@@ -111,7 +129,7 @@ def run(folder: Path, out: Path, plan: Plan, progress: Progress | None = None) -
         raise BlindError(f"case {unknown[0]!r} is not one of {ids[0]} to {ids[-1]}")
     _refuse_reachable(folder, plan.answers)
     out.mkdir(parents=True, exist_ok=True)
-    done = read_results(out)
+    done, digests = results_of(manifest, out), recording_digests(manifest)
     todo = [i for i in (plan.cases or ids) if done.get(i, {}).get("status") not in ("done", "refused")]
     if not plan.cases:
         # The slow ones first, so that no worker is left alone with them at the end.
@@ -131,7 +149,7 @@ def run(folder: Path, out: Path, plan: Plan, progress: Progress | None = None) -
         if job.last and row["status"] == "timeout":
             continue  # The budget stopped it, and it waits for the next call.
         with results_file(out).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
+            file.write(json.dumps(row | {"recording_sha256": digests[row["id"]]}) + "\n")
         if progress:
             progress(row, finished, len(todo))
     return read_results(out)

@@ -17,7 +17,7 @@ from scipy.stats import binomtest
 
 from simgap.blind.make import BlindError, read_manifest
 from simgap.blind.reliability import reliability, table
-from simgap.blind.run import read_results
+from simgap.blind.run import results_of
 
 Row = dict[str, Any]
 Metric = dict[str, Any]
@@ -58,11 +58,11 @@ def score(folder: Path, answers: Path, results: Path) -> dict[str, Any]:
     """Compare results with the sealed answers.
 
     Raises:
-        BlindError: answers missing, or not those whose hashes were published.
+        BlindError: answers missing, or not those whose hashes were published; or results of another check.
     """
     manifest = read_manifest(folder)
     truth = read_answers(manifest, answers)
-    found = read_results(results)
+    found = results_of(manifest, results)
     rows = [judged(truth[i], found[i]) for i in sorted(found) if i in truth]
     if not rows:
         raise BlindError(f"{results}: holds no result of this check")

@@ -14,7 +14,7 @@ import numpy as np
 from simgap.blind.cases import Case, Injected
 from simgap.blind.make import BlindError, read_manifest, write_recording
 from simgap.blind.recordings import simulate_again
-from simgap.blind.run import experiment_file, read_results
+from simgap.blind.run import experiment_file, results_of
 from simgap.blind.score import read_answers
 
 Progress = Callable[[int, int], None]
@@ -32,7 +32,7 @@ def settle(folder: Path, answers: Path, results: Path, out: Path, progress: Prog
     if (out / "manifest.json").exists():
         raise BlindError(f"{out / 'manifest.json'} already exists: choose another folder")
     manifest = read_manifest(folder)
-    truth, found = read_answers(manifest, answers), read_results(results)
+    truth, found = read_answers(manifest, answers), results_of(manifest, results)
     asked = [
         c
         for c in manifest["cases"]
