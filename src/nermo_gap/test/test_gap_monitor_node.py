@@ -45,8 +45,14 @@ class Robot:
         self._states = self.node.create_publisher(ServoStates, "servo_states", qos.SENSOR)
         self._imu = self.node.create_publisher(Imu, "imu/data_raw", qos.SENSOR)
         self.diagnostics: list[DiagnosticArray] = []
+        self.twins: dict[str, float] = {}
+        """Angles [rad] of the monitor's twin by joint."""
+        self.node.create_subscription(JointState, "twin/joint_states", self._on_twin, qos.BEST_EFFORT)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnostics.append, 100)
         self._tick = 0
+
+    def _on_twin(self, message: JointState) -> None:
+        self.twins = dict(zip(message.name, message.position, strict=True))
 
     def step(self) -> None:
         """One tick."""
@@ -116,6 +122,10 @@ def test_the_monitor_names_the_leg_in_which_the_robot_differs(weak: Path) -> Non
     try:
         status = own.walk_until(lambda s: "agree" in s.get("message", ""))
         assert float(status["front_left_leg_gap"]) < 3.0 and "body_gap" in status
+        own.walk_until(lambda _: "front_left_hip_joint" in own.twins)
+        # A hip's joint is what its servo turns; all swing by 0.15 rad about their neutral angle.
+        neutral = load_robot("nermo_lite").servos["front_left_hip"].neutral
+        assert abs(own.twins["front_left_hip_joint"] - neutral) < 0.2
     finally:
         own.close()
     # The other robot begins at stamp 0 again, as after a restart of the graph.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+from collections.abc import Mapping
 
 import numpy as np
 import viser
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 
 from nermo_web.robot_shape import Placed, RobotShape
 from nermo_web.trail import Trail
+
+Colour = tuple[int, int, int]
 
 GROUND_M = 3.0
 """Edge of the piece of ground that is drawn; it comes along in whole cells."""
@@ -21,6 +24,7 @@ METRE_PER_NEWTON = 0.03
 LEAST_FORCE_N = 0.01
 TENDON, FORCE, WAY = (214, 140, 0), (200, 0, 0), (20, 80, 190)
 """Colours."""
+GHOST_OPACITY = 0.35
 
 
 class Scene:
@@ -60,6 +64,11 @@ class Scene:
             "/ground/forces", nothing, FORCE, shaft_radius=0.0009, head_radius=0.0025, head_length=0.006
         )
 
+        self._ghost_shape = shape
+        self._ghost: viser.FrameHandle | None = None
+        self._ghost_bodies: dict[str, viser.FrameHandle] = {}
+        self._ghost_meshes: list[tuple[str, viser.MeshHandle]] = []
+
     @property
     def port(self) -> int:
         """Where it listens, on this machine alone."""
@@ -90,6 +99,44 @@ class Scene:
                 frame.position, frame.wxyz = placed.position[name], placed.turn[name]
             self._tendons.points = placed.tendons
             self._forces.points = arrows
+
+    def show_ghost(self, placed: Placed, colours: Mapping[str, Colour]) -> None:
+        """Draws a second robot that one can see through, in a colour for each body; the first time it is brought."""
+        if self._ghost is None:
+            self._bring_ghost()
+        assert self._ghost is not None
+        with self._server.atomic():
+            self._ghost.visible = True
+            for name, frame in self._ghost_bodies.items():
+                frame.position, frame.wxyz = placed.position[name], placed.turn[name]
+            for body, mesh in self._ghost_meshes:
+                if mesh.color != colours[body]:
+                    mesh.color = colours[body]
+
+    def hide_ghost(self) -> None:
+        """Takes it away."""
+        if self._ghost is not None and self._ghost.visible:
+            self._ghost.visible = False
+
+    @property
+    def ghost_seen(self) -> bool:
+        """Whether there is one."""
+        return self._ghost is not None and self._ghost.visible
+
+    def _bring_ghost(self) -> None:
+        scene, shape = self._server.scene, self._ghost_shape
+        self._ghost = scene.add_frame("/ground/ghost", show_axes=False)
+        self._ghost_bodies = {name: scene.add_frame(f"/ground/ghost/{name}", show_axes=False) for name in shape.bodies}
+        for number, part in enumerate(shape.parts):
+            mesh = scene.add_mesh_simple(
+                f"/ground/ghost/{part.body}/{number}",
+                part.vertices,
+                part.faces,
+                opacity=GHOST_OPACITY,
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+            self._ghost_meshes.append((part.body, mesh))
 
     def show_way(self, trail: Trail) -> None:
         """Draws the way that was walked."""

@@ -24,7 +24,10 @@ from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import OK, WARN, Diagnostics, Status
 from nermo_node.inputs import Inputs
 from nermo_node.parameters import blame, declare
-from nermo_node.time import to_nanoseconds
+from nermo_node.time import to_message, to_nanoseconds
+
+SHOWN_PERIOD_S = 0.04
+"""Between two messages of what the twin does, for eyes."""
 
 
 class GapMonitorParameters(BaseModel):
@@ -84,6 +87,8 @@ class Mouse:
         with blame("control_rate"):
             self._gap = LiveGap(robot, round(1e9 / parameters.control_rate))
         self.name = robot.name
+        self._shown_at = 0
+        self._twin_joints = node.create_publisher(JointState, "twin/joint_states", qos.SENSOR)
         # A command that is missed would let the twin go another way.
         every = QoSProfile(depth=200, reliability=ReliabilityPolicy.RELIABLE)
         inputs = Inputs(node, refused.add_one)
@@ -95,7 +100,18 @@ class Mouse:
     def _on_command(self, message: ServoCommand) -> None:
         if len(message.name) == len(message.position):
             positions = dict(zip(message.name, message.position, strict=True))
-            self._gap.command(to_nanoseconds(message.header.stamp), positions)
+            stamp = to_nanoseconds(message.header.stamp)
+            self._gap.command(stamp, positions)
+            self._show(stamp)
+
+    def _show(self, stamp: int) -> None:
+        """What the twin does, for whoever draws it beside the robot."""
+        if 0 <= stamp - self._shown_at < SHOWN_PERIOD_S * 1e9 or not (angles := self._gap.joints):
+            return
+        self._shown_at = stamp
+        shown = JointState(name=list(angles), position=list(angles.values()))
+        shown.header.stamp = to_message(stamp)
+        self._twin_joints.publish(shown)
 
     def _on_states(self, message: ServoStates) -> None:
         values = {position(name): value for name, value in zip(message.name, message.position, strict=False)}

@@ -97,6 +97,13 @@ class LiveGap:
                 by_subsystem.setdefault(_subsystem(name), []).append(_square(name, np.array(differences)))
         return {name: math.sqrt(sum(values) / len(values)) for name, values in by_subsystem.items()}
 
+    @property
+    def joints(self) -> dict[str, float]:
+        """Joint angles [rad] of the twin after the last command; empty before the first."""
+        if self._last is None:
+            return {}
+        return dict(zip(self._twin.layout.joints, self._twin.joint_states()[0], strict=True))
+
     def _restart(self) -> None:
         self._twin.reset()
         self._expected.clear()

@@ -18,6 +18,7 @@ from nermo_description.robots import AnyRobot
 from nermo_interfaces.msg import ControlCommand, FootForces, LegLoads, ServoStates
 from nermo_node import qos
 from nermo_node.time import to_nanoseconds
+from nermo_web.nodes.ghost import Ghost
 from nermo_web.nodes.latest import Latest
 from nermo_web.robot_shape import RobotShape
 from nermo_web.scene import Scene
@@ -46,6 +47,7 @@ class ShownTopics:
     def __init__(self, node: Node, robot: AnyRobot, scene: str, refuse: Callable[[str], None]) -> None:
         self._shape = RobotShape(robot, scene)
         self.scene = Scene(self._shape)
+        self._ghost = Ghost(node, robot, scene, self.scene, refuse)
         self._trail, self._speed = Trail(), Speedometer()
         self._way_at = 0.0
         self._angles: dict[str, float] = {}
@@ -92,8 +94,10 @@ class ShownTopics:
             self._angles |= dict(zip(joints.name, joints.position, strict=False))
         if (forces := self._foot_forces.take()) is not None:
             self._forces = np.array([(each.x, each.y, each.z) for each in forces.force], np.float32)
-        placed = self._shape.place(np.array([place.x, place.y, place.z]), turn, self._angles)
+        position = np.array([place.x, place.y, place.z])
+        placed = self._shape.place(position, turn, self._angles)
         self.scene.show(placed, self._forces, (place.x, place.y))
+        self._ghost.draw(position, turn)
         if self._trail.news and time.monotonic() - self._way_at > WAY_PERIOD_S:
             self._way_at, self._trail.news = time.monotonic(), False
             self.scene.show_way(self._trail)
@@ -126,6 +130,7 @@ class ShownTopics:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
+            self._ghost.on_status(status)
             node = status.name.partition(":")[0].rpartition("/")[2]
             if status.level in (DiagnosticStatus.WARN, DiagnosticStatus.ERROR):
                 self._trouble[status.name] = time.monotonic(), f"{node}: {status.message}"[:300]
