@@ -7,6 +7,7 @@ import io
 from collections.abc import Mapping
 
 import numpy as np
+import trimesh
 import viser
 from numpy.typing import NDArray
 
@@ -25,6 +26,8 @@ LEAST_FORCE_N = 0.01
 TENDON, FORCE, WAY = (214, 140, 0), (200, 0, 0), (20, 80, 190)
 """Colours."""
 GHOST_OPACITY = 0.35
+GHOST_THICKER_M = 0.0008
+"""By which a ghost stands out where it is where the robot is, so that the two surfaces do not flicker."""
 
 
 class Scene:
@@ -128,9 +131,10 @@ class Scene:
         self._ghost = scene.add_frame("/ground/ghost", show_axes=False)
         self._ghost_bodies = {name: scene.add_frame(f"/ground/ghost/{name}", show_axes=False) for name in shape.bodies}
         for number, part in enumerate(shape.parts):
+            outward = trimesh.Trimesh(part.vertices, part.faces, process=False).vertex_normals
             mesh = scene.add_mesh_simple(
                 f"/ground/ghost/{part.body}/{number}",
-                part.vertices,
+                part.vertices + np.float32(GHOST_THICKER_M) * outward.astype(np.float32),
                 part.faces,
                 opacity=GHOST_OPACITY,
                 cast_shadow=False,
