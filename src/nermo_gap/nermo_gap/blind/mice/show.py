@@ -58,7 +58,7 @@ def show(
     body, wrong = draw(parameters, number, fault, markers)
     chosen, recordings, folder = protocol_of(protocol, parameters, markers), out / "recordings", out / "diagnosis"
     console.print(
-        f"Mouse {number}, a {parameters.name}: every number of it is 3 to 8 % off, and it has one of {len(KINDS)} "
+        f"Mouse {number}, a {parameters.name}: every number of it is 3 to 8 % off, and it has one of {len(KINDS) - 1} "
         "faults, or none.",
         highlight=False,
     )
