@@ -108,7 +108,7 @@ def test_markers_are_where_they_are_glued_and_are_not_always_seen() -> None:
     assert not any(name.startswith("marker_") for name in plain)
 
 
-def test_with_markers_each_leg_has_numbers_of_its_own() -> None:
+def test_each_leg_has_numbers_of_its_own_and_each_marker_too() -> None:
     robot, told = load_robot("nermo_lite"), [command(s) for s in load_robot("nermo_lite").servos]
     names = {}
     for markers in (False, True):
@@ -117,7 +117,8 @@ def test_with_markers_each_leg_has_numbers_of_its_own() -> None:
         sizes = np.ones(len(plant.outputs)), np.ones(len(plant.inputs))
         names[markers] = {n.name for n in nuisances(plant, *sizes, 0.005)}
         assert not [s for s in sensor_sites(plant) if worth_a_look(plant)(SensorBias(s, ()))]
-    assert "gain front knee" in names[False] and "gain front_left_knee" in names[True] - names[False]
+    own = {"gain front_left_knee", "stiffness rear_right_ankle_joint", "friction front_right_foot"}
+    assert own < names[False] and names[False] < names[True]
     assert {"marker front_left_foot x", "marker rear_right_foot z"} < names[True] - names[False]
 
 

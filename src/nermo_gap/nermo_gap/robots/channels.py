@@ -139,11 +139,6 @@ def servos_report(mapping: Map) -> bool:
     return any(row.column.endswith("_position") for row in mapping.outputs)
 
 
-def sees_legs(mapping: Map) -> bool:
-    """Whether each leg is seen by itself: by its servos, or by a marker at its foot."""
-    return servos_report(mapping) or any(row.column.startswith("marker_") for row in mapping.outputs)
-
-
 def resolution(columns: Collection[str]) -> dict[str, float]:
     """Least noise floor of each output column."""
     ends = {"_position": "position", "_torque": "torque", "_encoder": "encoder"}
