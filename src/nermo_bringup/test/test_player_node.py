@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 
 from nermo_interfaces.msg import ControlCommand, ServoCommand
@@ -36,53 +37,47 @@ def test_a_file_is_played_at_its_pace_and_ends_with_a_stop(graph, file: str) -> 
     assert {message.gait for message in walking} == {"trot"}
 
 
+class LongWalk:
+    """A minute of walking that is played, what is heard of it, and a simulation's clock that a test moves."""
+
+    def __init__(self, graph, folder: Path) -> None:
+        path = folder / "walk.yaml"
+        path.write_text("{duration: 60, commands: [{at: 0, posture: walk, forward_velocity: 0.05}]}")
+        self._graph, self._now = graph, 0
+        self.heard: list[int] = []
+        """Seconds of the commands' stamps."""
+        graph.node.create_subscription(
+            ControlCommand, "control_command", lambda message: self.heard.append(message.header.stamp.sec), 50
+        )
+        self.player = graph.start(PLAYER, *graph.parameters(file=str(path)))
+
+    def by_simulation(self) -> Publisher:
+        """Lets a simulation's clock go until the walk is played by that."""
+        clock = self._graph.node.create_publisher(Clock, "/clock", 10)
+
+        def advance() -> bool:
+            self._now += 20_000_000
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = divmod(self._now, 1_000_000_000)
+            clock.publish(message)
+            return sum(stamp < 1_000_000_000 for stamp in self.heard) > 5
+
+        self._graph.spin_until(advance, "it is played by the simulation's clock")
+        return clock
+
+
 def test_what_began_by_the_wall_clock_is_played_whole_by_a_clock_that_is_found_later(graph, tmp_path: Path) -> None:
-    path = tmp_path / "walk.yaml"
-    path.write_text("{duration: 60, commands: [{at: 0, posture: walk, forward_velocity: 0.05}]}")
-    heard: list[int] = []
-    graph.node.create_subscription(
-        ControlCommand, "control_command", lambda message: heard.append(message.header.stamp.sec), 50
-    )
-    graph.start(PLAYER, *graph.parameters(file=str(path)))
-    graph.spin_until(lambda: len(heard) > 2, "it plays by the machine's clock")
-    assert min(heard) > 1_000_000_000
-    clock = graph.node.create_publisher(Clock, "/clock", 10)
-    now = 0
-
-    def advance() -> bool:
-        nonlocal now
-        now += 20_000_000
-        message = Clock()
-        message.clock.sec, message.clock.nanosec = divmod(now, 1_000_000_000)
-        clock.publish(message)
-        return sum(stamp < 1_000_000_000 for stamp in heard) > 5
-
-    graph.spin_until(advance, "it goes on saying so by the simulation's")
+    walk = LongWalk(graph, tmp_path)
+    graph.spin_until(lambda: len(walk.heard) > 2, "it plays by the machine's clock")
+    assert min(walk.heard) > 1_000_000_000
+    walk.by_simulation()
 
 
 def test_a_twin_that_ends_ends_the_player_with_an_error(graph, tmp_path: Path) -> None:
-    path = tmp_path / "walk.yaml"
-    path.write_text("{duration: 60, commands: [{at: 0, posture: walk, forward_velocity: 0.05}]}")
-    heard: list[int] = []
-    graph.node.create_subscription(
-        ControlCommand, "control_command", lambda message: heard.append(message.header.stamp.sec), 50
-    )
-    clock = graph.node.create_publisher(Clock, "/clock", 10)
-    player = graph.start(PLAYER, *graph.parameters(file=str(path)))
-    now = 0
-
-    def advance() -> bool:
-        nonlocal now
-        now += 20_000_000
-        message = Clock()
-        message.clock.sec, message.clock.nanosec = divmod(now, 1_000_000_000)
-        clock.publish(message)
-        return len(heard) > 5
-
-    graph.spin_until(advance, "it plays by the twin's clock")
-    graph.node.destroy_publisher(clock)
-    output, _ = player.communicate(timeout=30)
-    assert player.returncode == 1
+    walk = LongWalk(graph, tmp_path)
+    graph.node.destroy_publisher(walk.by_simulation())
+    output, _ = walk.player.communicate(timeout=30)
+    assert walk.player.returncode == 1
     assert "has the twin ended?" in output and "of 60 s were played" in output
     assert "Traceback" not in output
 

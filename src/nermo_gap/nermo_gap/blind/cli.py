@@ -8,9 +8,20 @@ from typing import Annotated
 
 import typer
 
-from simgap.blind.cli import carry_out, hidden_places, refusals, say, score_command
+from simgap.blind.cli import (
+    AnswersOption,
+    BudgetOption,
+    CaseOption,
+    ExecutorOption,
+    KeepOption,
+    TimeoutOption,
+    carry_out,
+    hidden_places,
+    refusals,
+    say,
+    score_command,
+)
 from simgap.console import HELP, fail
-from simgap.execution.executors import HELP as EXECUTOR
 from simgap.execution.executors import PROCESSES
 
 mice_app = typer.Typer(
@@ -65,15 +76,13 @@ def diagnose_command(
     folder: Annotated[Path, typer.Argument(help="Folder of `make --out`.")],
     out: Annotated[Path, typer.Option(help="Folder for results.jsonl, a line a mouse as it comes; resumes it.")],
     workers: Annotated[int, typer.Option(min=1, help="Mice at a time, each on one processor.")] = os.cpu_count() or 1,
-    timeout: Annotated[float, typer.Option(help="Of one mouse [s].")] = 1800.0,
-    budget: Annotated[float | None, typer.Option(help="Stop after this time [s]; what is left waits.")] = None,
-    case: Annotated[list[str] | None, typer.Option(help="Only this mouse (may be repeated).")] = None,
+    timeout: TimeoutOption = 1800.0,
+    budget: BudgetOption = None,
+    case: CaseOption = None,
     only: Annotated[list[str] | None, typer.Option(help="Consider this effect only (may be repeated).")] = None,
-    keep: Annotated[bool, typer.Option(help="Keep every diagnosis.json.")] = False,
-    answers: Annotated[
-        list[Path] | None, typer.Option(help="Where answers lie: each process tries to read there, and must fail.")
-    ] = None,
-    executor: Annotated[str, typer.Option(help=EXECUTOR)] = PROCESSES,
+    keep: KeepOption = False,
+    answers: AnswersOption = None,
+    executor: ExecutorOption = PROCESSES,
 ) -> None:
     """Diagnose all mice, each in a process that can read nothing but its own recordings.
 

@@ -20,6 +20,15 @@ if TYPE_CHECKING:
 
 # What does the work takes seconds to import, and help is asked for often: commands import it when they run.
 
+TimeoutOption = Annotated[float, typer.Option(help="Of one case [s].")]
+BudgetOption = Annotated[float | None, typer.Option(help="Stop after this time [s]; what is left waits.")]
+CaseOption = Annotated[list[str] | None, typer.Option(help="Only this case (may be repeated).")]
+KeepOption = Annotated[bool, typer.Option(help="Keep every diagnosis.json.")]
+AnswersOption = Annotated[
+    list[Path] | None, typer.Option(help="Where answers lie: each process tries to read there, and must fail.")
+]
+ExecutorOption = Annotated[str, typer.Option(help=EXECUTOR)]
+
 blind_app = typer.Typer(
     name="blind",
     help="The blind check: hidden faults, a diagnosis that cannot see them, and the score.",
@@ -77,15 +86,13 @@ def diagnose_command(
     out: Annotated[Path, typer.Option(help="Folder for results.jsonl, a line a case as it comes; resumes it.")],
     workers: Annotated[int, typer.Option(help="Cases at a time.")] = 1,
     threads: Annotated[int, typer.Option(help="Of each case; 0 takes all processors.")] = 0,
-    timeout: Annotated[float, typer.Option(help="Of one case [s].")] = 1800.0,
-    budget: Annotated[float | None, typer.Option(help="Stop after this time [s]; what is left waits.")] = None,
-    case: Annotated[list[str] | None, typer.Option(help="Only this case (may be repeated).")] = None,
+    timeout: TimeoutOption = 1800.0,
+    budget: BudgetOption = None,
+    case: CaseOption = None,
     baselines: Annotated[bool, typer.Option(help="Also the alternatives (fit everything at once).")] = True,
-    keep: Annotated[bool, typer.Option(help="Keep every diagnosis.json.")] = False,
-    answers: Annotated[
-        list[Path] | None, typer.Option(help="Where answers lie: each process tries to read there, and must fail.")
-    ] = None,
-    executor: Annotated[str, typer.Option(help=EXECUTOR)] = PROCESSES,
+    keep: KeepOption = False,
+    answers: AnswersOption = None,
+    executor: ExecutorOption = PROCESSES,
 ) -> None:
     """Diagnose all cases, each in a process that can read nothing but its own case.
 
