@@ -98,7 +98,7 @@ def emulate(
 @hw_app.command("scan")
 def scan(
     port: Annotated[list[str] | None, typer.Option(help="Look here too; may be given several times.")] = None,
-    timeout: Annotated[float, typer.Option(min=0.001, max=10.0, help="For each answer [s].")] = 0.1,
+    timeout: Annotated[float, typer.Option(min=0.001, max=10.0, help="For each answer, in seconds.")] = 0.1,
     json: Json = None,
 ) -> None:
     """Look at every serial port for a Nermo: its boards and versions. Nothing moves.
@@ -131,7 +131,7 @@ def calibrate(
     posture: Annotated[str, typer.Option(help="Posture in which the robot is held for the zeros.")] = "stand",
     directions: Annotated[bool, typer.Option("--directions", help="Find the servos' directions too.")] = False,
     knees: Annotated[bool, typer.Option("--knees", help="Find the knee encoders' zeros too.")] = False,
-    timeout: Annotated[float, typer.Option(min=1.0, max=3600.0, help="For each step [s].")] = 60.0,
+    timeout: Annotated[float, typer.Option(min=1.0, max=3600.0, help="For each step, in seconds.")] = 60.0,
 ) -> None:
     """Find zero positions and directions of the servos, moved by hand; all servos are limp.
 
@@ -412,7 +412,9 @@ def bench_serial(
     duration: Annotated[
         float, typer.Option(min=1.0, max=1e5, help="Of each row of the table, in virtual seconds.")
     ] = 2000.0,
-    real_time: Annotated[float, typer.Option(min=0.5, max=3600.0, help="Of the exchange in real time [s].")] = 10.0,
+    real_time: Annotated[
+        float, typer.Option(min=0.5, max=3600.0, help="Of the exchange in real time, in seconds.")
+    ] = 10.0,
     quick: Annotated[bool, typer.Option("--quick", help="50 virtual seconds a row, 2 real ones.")] = False,
     fuzz: Annotated[bool, typer.Option("--fuzz", help="Fuzz the parser too, with 10 million bytes.")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,

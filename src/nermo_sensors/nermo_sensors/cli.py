@@ -209,7 +209,7 @@ def doe(
 @sensors_app.command()
 def figure48(
     seeds: Annotated[int, typer.Option(min=1, max=1000, help="How many runs.")] = 20,
-    seconds: Annotated[float, typer.Option(min=3.0, max=3600.0, help="Length of each [s].")] = 60.0,
+    seconds: Annotated[float, typer.Option(min=3.0, max=3600.0, help="Length of each, in seconds.")] = 60.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
     json: Json = None,
 ) -> None:

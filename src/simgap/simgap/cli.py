@@ -289,7 +289,7 @@ def monitor_command(
     reference: Annotated[
         list[Path] | None, typer.Option(help="A recording of the robot when it was well (may be repeated).")
     ] = None,
-    idle: Annotated[float, typer.Option(min=0.0, help="Ends when nothing was written for so long [s].")] = 10.0,
+    idle: Annotated[float, typer.Option(min=0.0, help="Ends when nothing was written for so many seconds.")] = 10.0,
     json_: Annotated[Path | None, typer.Option("--json", help="File for what was seen, written at the end.")] = None,
 ) -> None:
     """Watch a robot while it is recorded: the gap of the last seconds by part, and when the model goes stale.

@@ -30,7 +30,7 @@ def bench() -> None:
 
 @bench_app.command("fuzz")
 def bench_fuzz(
-    seconds: Annotated[float, typer.Option(min=1.0, help="Time for each node [s].")] = 60.0,
+    seconds: Annotated[float, typer.Option(min=1.0, help="Time for each node, in seconds.")] = 60.0,
     node: Annotated[list[str] | None, typer.Option(help="Only nodes of this executable; may be repeated.")] = None,
     seed: Annotated[int, typer.Option(help="What is thrown, and when.")] = 0,
     json: Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")] = None,

@@ -32,7 +32,7 @@ def optimize(
         typer.Option(help="Name or parameter file; nermo_lite, and for limit-cycle cheetah_cub, by default."),
     ] = None,
     gait: Annotated[str, typer.Option(help="Gait of the knowledge-base that is tuned.")] = "trot",
-    frequency: Annotated[float, typer.Option(help="Gait frequency [Hz]; it stays.")] = 0.8,
+    frequency: Annotated[float, typer.Option(help="Gait frequency in Hz; it stays.")] = 0.8,
     spine: Annotated[bool, typer.Option(help="With stride extension and offset compensation.")] = True,
     name: Annotated[
         str, typer.Option(help="Name of the saved set; default: optimized_COST, which the next search replaces.")

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 # What does the work takes seconds to import, and help is asked for often: commands import it when they run.
 
-TimeoutOption = Annotated[float, typer.Option(help="Of one case [s].")]
-BudgetOption = Annotated[float | None, typer.Option(help="Stop after this time [s]; what is left waits.")]
+TimeoutOption = Annotated[float, typer.Option(help="Of one case, in seconds.")]
+BudgetOption = Annotated[float | None, typer.Option(help="Stop after so many seconds; what is left waits.")]
 CaseOption = Annotated[list[str] | None, typer.Option(help="Only this case (may be repeated).")]
 KeepOption = Annotated[bool, typer.Option(help="Keep every diagnosis.json.")]
 AnswersOption = Annotated[
@@ -60,7 +60,7 @@ def make_command(
     seed: Annotated[int, typer.Option(help="Of everything that is drawn. It is sealed with the answers.")],
     answers: Annotated[Path | None, typer.Option(help="Folder for the sealed answers; by default OUT-answers.")] = None,
     robots: Annotated[str | None, typer.Option(help="Comma-separated; by default all that come with it.")] = None,
-    seconds: Annotated[float, typer.Option(help="Length of each recording [s].")] = 15.0,
+    seconds: Annotated[float, typer.Option(help="Length of each recording, in seconds.")] = 15.0,
     workers: Annotated[int, typer.Option(help="Processes.")] = max((os.cpu_count() or 1) - 1, 1),
     salt: Annotated[str | None, typer.Option(help="Sealed with each answer; random by default.")] = None,
 ) -> None:
