@@ -244,6 +244,23 @@ def test_noise_floor_sees_quantisation_and_repeats() -> None:
     assert floor[0] == pytest.approx(slow / np.sqrt(2), rel=0.3)
 
 
+def test_runs_that_began_elsewhere_or_of_another_robot_are_no_repeats() -> None:
+    """A robot that was set down elsewhere, and one with a payload, differ by no noise."""
+    noise = 1e-4
+    rng, still = np.random.default_rng(0), simulate("pendulum", 6.0, noise=0.0)
+    one, two = ({**still, "q": still["q"] + rng.normal(0.0, noise, len(still["q"]))} for _ in range(2))
+    joined = {k: np.concatenate([one[k], two[k] + {"t": 10.0, "q": 0.2}.get(k, 0.0)]) for k in one}
+    _, aligned, floor = aligned_of("pendulum", joined)
+    assert len(aligned.runs) == 2 and floor[0] == pytest.approx(noise, rel=0.25)
+    length = len(one["t"])
+    joined["q"][length:] += 0.05 * np.sin(joined["t"][length:])
+    plant = plant_of("pendulum")
+    recording = recording_from_table(joined, plant)
+    assert noise_floor(align(recording, plant))[0] > 100.0 * noise
+    recording.setup = np.repeat([0.0, 1.0], length)
+    assert noise_floor(align(recording, plant))[0] == pytest.approx(noise, rel=0.25)
+
+
 def test_an_encoder_s_count_is_found_though_stamps_are_irregular_and_digits_few() -> None:
     table = simulate("pendulum", 10.0, noise=0.0)
     step = 2 * np.pi / 4096

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 
 from nermo_control.gait.knowledge_base import GaitParameters
@@ -53,12 +54,17 @@ def _hung(robot: RobotParameters, seen: bool) -> Segment:
     spine = [s for s in robot.servos if s.startswith("spine")]
     # Not faster: the tail swings at 3 Hz, and nobody knows how.
     bends = [Wave(s, 0.35, 0.3, 1.5, one_way=robot.servos[s].lower >= 0.0) for s in spine]
+    back = [dataclasses.replace(w, size=w.size if w.one_way else -w.size, frequency=0.8, until=None) for w in bends]
     together = [
         wave
         for k, leg in enumerate(LEGS)
         for wave in (Wave(f"{leg}_hip", 0.35, 1.3 + 0.2 * k), Wave(f"{leg}_knee", -0.4, 1.9 - 0.2 * k, one_way=True))
     ]
-    bend = Piece("spine", "bend the spine, ever faster", 6.0, tuple(bends), looks=(0.5,))
+    # A weight that sits elsewhere shows where a mouse hangs, before anything moves; pieces are held out one by one, so
+    # more than one must show it.
+    hang = Piece("hang", "let it hang", 3.0, looks=(0.3, 1.7))
+    bend = Piece("spine", "bend the spine, ever faster", 6.0, tuple(bends), looks=(0.5, 2.0, 3.5))
+    again = Piece("spine back", "and the other way about", 3.0, tuple(back), looks=(0.7,))
     legs = (
         Piece("hips slowly", "swing each hip slowly", 5.0, _legs("hip", 0.5, SLOW)),
         Piece("hips fast", "swing each hip fast", 4.0, _legs("hip", 0.25, FAST), looks=(1.0,)),
@@ -67,7 +73,7 @@ def _hung(robot: RobotParameters, seen: bool) -> Segment:
         _steps("steps", "step one servo after the other", 0.3, LEGS, ("hip", "knee")),
         Piece("legs together", "all legs at once", 5.0, tuple(together), looks=(1.5,)),
     )
-    pieces = (*(legs if seen else ()), bend)
+    pieces = (hang, *(legs if seen else ()), bend, again)
     return Segment("hung", "hung", "Clamp the torso into the stand; no foot may touch anything.", pieces)
 
 

@@ -14,6 +14,8 @@ _WINDOW, _ORDER = 7, 3
 _STILL, _FEW = 1.5, 50
 """Steps without any change that a stretch of _WINDOW samples may have to be judged, and stretches that are needed.
 Where a robot rests in its friction its encoder repeats itself, which says nothing of how well a motion repeats."""
+_BEGIN = 10
+"""Samples whose mean says where a run began."""
 _MIN_SHARE = 2e-5
 """No floor is below this share of the channel's spread: a simulation's own errors are of that size."""
 
@@ -82,22 +84,26 @@ def _quantisation(aligned: Aligned) -> Array:
 
 
 def _repeats(aligned: Aligned) -> Array:
-    """Deviation between runs that were told the same: sd of the difference / sqrt(2)."""
+    """Deviation between runs that were told the same: sd of the difference / sqrt(2).
+
+    Not of runs in which the robot was another (a payload, a stand): what these differ by is no noise. Nor counts where
+    a run began, for there a replay begins too.
+    """
     floor = np.zeros(aligned.outputs.shape[1])
     squares: list[Array] = []
     scale = np.ptp(aligned.inputs, axis=0) + 1e-12
     for a, first in enumerate(aligned.runs):
         for second in aligned.runs[a + 1 :]:
             n = min(first.stop - first.start, second.stop - second.start)
-            if n < 50:
+            if n < 50 or first.setup != second.setup:
                 continue
             one, two = slice(first.start, first.start + n), slice(second.start, second.start + n)
             if np.max(np.abs(aligned.inputs[one] - aligned.inputs[two]) / scale) > 1e-6:
                 continue
-            difference = np.where(
-                aligned.valid[one] & aligned.valid[two], aligned.outputs[one] - aligned.outputs[two], 0
-            )
-            squares.append(np.mean(difference**2, axis=0) / 2.0)
+            both = aligned.valid[one] & aligned.valid[two]
+            difference = np.where(both, aligned.outputs[one] - aligned.outputs[two], 0.0)
+            began = difference[:_BEGIN].sum(axis=0) / np.maximum(both[:_BEGIN].sum(axis=0), 1)
+            squares.append(np.mean(np.where(both, difference - began, 0.0) ** 2, axis=0) / 2.0)
     if squares:
         floor = np.sqrt(np.median(np.stack(squares), axis=0))
     return floor
