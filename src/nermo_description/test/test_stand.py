@@ -25,6 +25,18 @@ def test_a_mouse_in_the_scene_hung_begins_at_the_stands_height_and_stays_there(n
     assert data.ncon == 0, "no foot touches anything"
 
 
+@pytest.mark.parametrize("name", ["nermo", "nermo_lite"])
+def test_a_mouse_that_is_fifty_grams_heavier_than_it_should_be_hangs_free_too(name: str) -> None:
+    """A stand is what tells such a mouse: on the floor, where it once came to rest, it says nothing."""
+    model = build_model(load_robot(name), "hung")
+    model.body("torso").mass[0] += 0.05
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    for _ in range(round(3.0 / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+    assert data.ncon == 0 and data.joint("root").qpos[2] == pytest.approx(Stand().height - 0.05 * 9.81 / 2.0, abs=0.01)
+
+
 def test_the_scene_is_known_and_only_for_a_mouse() -> None:
     assert "hung" in scene_names()
     with pytest.raises(ValueError, match="stand of a mouse, and cheetah_cub is a pantograph"):

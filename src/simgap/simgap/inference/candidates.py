@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from simgap.effects.base import Effect
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.loose_numbers import fit_loosely, spoken_for
 from simgap.inference.model_selection import EVIDENCE, FINALISTS, generalises
 from simgap.inference.scores import Scored, Scores
 from simgap.inference.screen import Screened, informative_windows, screen
@@ -45,8 +46,10 @@ _SHAKEN_STARTS = 3
 """Of these values so many are fitted."""
 _ANOTHER_NAME = 0.995
 """Two effects whose sensitivities have this cosine are one change under two names."""
-_GLIMPSE = 4
-"""Steps of a fit after which candidates of two screenings are compared."""
+_GLIMPSE, _SECOND = 2, 0.3
+"""Steps of a fit after which what is proposed is compared, and the share that takes as many more."""
+_LOOSE = 4
+"""Nominal numbers that are heard of those that go far where they may."""
 _UNTOUCHED = 3
 """Effects that are also tried beside untouched nominal numbers, where those are bent far."""
 MAX_EFFECTS = 3
@@ -154,16 +157,23 @@ class Candidates:
         if not self.effort.twice:
             return starts
         other = self._screened(reference, (0.5, 1.0))
+        foremost = [s for one in (screened, other) for s in _foremost(one, self.effort.survivors)]
+        chosen = [(s.effect, s.x, s.z) for s in foremost]
+        chosen += spoken_for(self.fitter, self.effects, fit_loosely(self.fitter), _LOOSE)
         assert self.fitter.nominal is not None
         select = informative_windows(self.fitter, self.fitter.nominal, FIT_WINDOWS)
-        chosen = [s for one in (screened, other) for s in _foremost(one, self.effort.survivors)]
-        fits = []
-        for i, s in enumerate(chosen):
-            self.say("compare", i / len(chosen))
-            fits.append((s.effect, self.fitter.fit(Hypothesis((s.effect,)), s.x, s.z, _GLIMPSE, select=select)))
+        fits: list[Fit] = []
+        for steps, share in ((_GLIMPSE, 1.0), (_GLIMPSE, _SECOND)):
+            chosen = chosen[: max(round(share * len(chosen)), self.effort.survivors)]
+            fits = []
+            for i, (effect, x, z) in enumerate(chosen):
+                self.say("compare", i / len(chosen))
+                fits.append(self.fitter.fit(Hypothesis((effect,)), x, z, steps, select=select))
+            fits.sort(key=lambda f: f.cost)
+            chosen = [(f.hypothesis.effects[0], f.x, f.z) for f in fits]
         found: dict[int, Start] = {}
-        for effect, fit in sorted(fits, key=lambda f: f[1].cost):
-            found.setdefault(id(effect), (effect, fit.x, fit.z))
+        for effect, x, z in chosen:
+            found.setdefault(id(effect), (effect, x, z))
         return list(found.values())[: self.effort.survivors]
 
     def _screened(self, fit: Fit, span: tuple[float, float]) -> list[Screened]:

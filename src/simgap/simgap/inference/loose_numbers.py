@@ -1,0 +1,141 @@
+"""Nominal numbers as far off as a recording would have them: which of them go far says where a fault may be.
+
+Candidates are screened one by one, beside numbers that are all a little off, and what each shows there may be little.
+Here all numbers move at once, under a prior whose tails let a few of them go far. That proposes and judges nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from simgap.effects.base import Effect
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Hypothesis
+from simgap.inference.nuisance import BOX
+
+Array = NDArray[np.float64]
+Entry = tuple[str, int]
+"""A number of a model: its field, and where it stands there."""
+
+_REACH = 12.0
+"""Standard deviations that a number may be off: a factor of 2.6 for most."""
+_TAIL = 1.0
+"""Degrees of freedom of the prior (Cauchy's)."""
+_ROUNDS, _INNER = 8, 6
+"""Of new sensitivities, and of new weights of the prior with each."""
+_TRIALS = (1.0, 0.5, 0.25)
+_ENDED = 1.0
+"""[nats] A fit ends when a round gains less."""
+_FIELDS = (
+    "body_mass",
+    "body_ipos",
+    "body_inertia",
+    "dof_damping",
+    "dof_armature",
+    "dof_frictionloss",
+    "jnt_stiffness",
+    "actuator_gainprm",
+    "geom_friction",
+    "geom_solref",
+)
+"""Of a model, where nominal numbers and effects may change the same."""
+_SIZES = 1e-12
+"""Changes that are smaller are none."""
+
+
+def fit_loosely(fitter: Fitter) -> Array:
+    """Nominal numbers (nz,) in standard deviations of their usual priors, begun where the model has them."""
+    assert fitter.nominal is not None
+    nothing, none, kept = Hypothesis(), np.zeros(0), fitter.jacobian
+    z, residual = np.zeros_like(fitter.nominal.z), fitter.nominal.residual
+    cost = float(fitter.data_cost(fitter.mean_square(residual)))
+    fitter.jacobian = fitter.nominal_jacobian
+    try:
+        for round_ in range(_ROUNDS):
+            if round_:
+                fitter.refresh(nothing, none, z, residual)
+            step = _step(fitter, residual, z)
+            points = [z + t * step for t in _TRIALS]
+            residuals = fitter.replay(nothing, [(none, p) for p in points])
+            costs = fitter.data_cost(fitter.mean_square(residuals)) + np.array([_prior(p) for p in points])
+            best = int(np.argmin(costs))
+            gain = cost - float(costs[best])
+            if gain > 0.0:
+                z, residual, cost = points[best], residuals[best], float(costs[best])
+            if gain < _ENDED:
+                break
+    finally:
+        fitter.jacobian = kept
+    return z
+
+
+def _prior(z: Array) -> float:
+    return 0.5 * (_TAIL + 1.0) * float(np.log1p(z * z / _TAIL).sum())
+
+
+def _step(fitter: Fitter, residual: Array, z: Array) -> Array:
+    """To the best of the linear model, its prior weighed anew where it arrives."""
+    root = np.sqrt(fitter.weights(fitter.mean_square(residual)))[:, None, :]
+    rows = (fitter.jacobian * root).reshape(len(z), residual.size).astype(float)
+    square = rows @ rows.T
+    pull, found = square @ z - rows @ (residual * root).reshape(-1), z
+    for _ in range(_INNER):
+        normal = square + np.diag((_TAIL + 1.0) / (_TAIL + found * found))
+        factor = np.linalg.cholesky(normal).T
+        found = lsq_linear(factor, np.linalg.solve(factor.T, pull), (-_REACH, _REACH), method="bvls").x
+    return found - z
+
+
+def spoken_for(fitter: Fitter, effects: Sequence[Effect], z: Array, count: int) -> list[tuple[Effect, Array, Array]]:
+    """Starts for the effects that change one of the numbers that go farthest, beyond what a nominal number may.
+
+    Each is an effect, its values, which change that number as far, and all numbers, where those that the effect
+    changes are as modelled. ``z`` (nz,) is of `fit_loosely`; ``count`` the numbers that are heard.
+    """
+    nominal = fitter.base.model
+    far = [i for i in np.argsort(-np.abs(z)) if abs(z[i]) > BOX][:count]
+    if not far:
+        return []
+    changes = [
+        _changed(nominal, _with_number(fitter, i, max(abs(z[i]), 1.0) * (np.sign(z[i]) or 1.0))) for i in range(len(z))
+    ]
+    found: dict[int, tuple[Effect, Array, Array]] = {}
+    tried = [
+        (e, s, _changed(nominal, fitter.variant(Hypothesis((e,)), np.array(s), np.zeros_like(z)).model))
+        for e in effects
+        for s in e.starts()
+    ]
+    for i in far:
+        for effect, start, entries in tried:
+            if not changes[i] or not changes[i].keys() <= entries.keys() or id(effect) in found:
+                continue
+            first = max(changes[i], key=lambda entry: abs(changes[i][entry]))
+            share = changes[i][first] / entries[first]
+            values = effect.times(share, start) if share > 0.0 else None
+            if values is not None:
+                rest = np.clip(z, -BOX, BOX)
+                rest[[k for k in range(len(z)) if changes[k] and changes[k].keys() <= entries.keys()]] = 0.0
+                found[id(effect)] = effect, np.array(values), rest
+    return list(found.values())
+
+
+def _with_number(fitter: Fitter, which: int, z: float) -> mujoco.MjModel:
+    made = fitter.base.copy()
+    fitter.nuisances[which].apply(made, z)
+    return made.model
+
+
+def _changed(nominal: mujoco.MjModel, model: mujoco.MjModel) -> dict[Entry, float]:
+    """The numbers that differ, and how far: of positive ones the logarithm of their ratio."""
+    found: dict[Entry, float] = {}
+    for field in _FIELDS:
+        old, new = np.ravel(getattr(nominal, field)), np.ravel(getattr(model, field))
+        for k in np.flatnonzero(np.abs(new - old) > _SIZES):
+            both = old[k] > 0.0 and new[k] > 0.0 and field != "body_ipos"
+            found[field, int(k)] = float(np.log(new[k] / old[k]) if both else new[k] - old[k])
+    return found

@@ -1,0 +1,60 @@
+"""Nominal numbers that may go far: which do is where the fault is, and what the search begins from."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from robots import aligned_of, simulate
+
+from simgap.effects.base import Context
+from simgap.effects.library import enumerate_effects
+from simgap.inference.fit import Fitter
+from simgap.inference.loose_numbers import fit_loosely, spoken_for
+from simgap.inference.nuisance import BOX, enumerate_nuisances
+from simgap.inference.residual import Residuals
+from simgap.simulation.replay import Replayer
+from simgap.simulation.scales import measure_scales
+from simgap.simulation.variant import Variant
+from simgap.simulation.windows import cut
+
+
+def _prepared(change=None):  # type: ignore[no-untyped-def]
+    plant, aligned, floor = aligned_of("arm", simulate("arm", seconds=10.0, change=change))
+    nominal = Variant.nominal(plant)
+    replayer = Replayer(plant, aligned, cut(aligned, 0.4, most=16), floor, 1)
+    swing, size = aligned.outputs.std(axis=0), np.sqrt((aligned.inputs**2).mean(axis=0))
+    fitter = Fitter(Residuals.build(replayer, nominal), enumerate_nuisances(plant, swing, size, aligned.period))
+    fitter.fit_nuisances()
+    effects = enumerate_effects(Context(plant, measure_scales(replayer, nominal), {}), (), ("mass", "servo_gain"))
+    return fitter, effects
+
+
+@pytest.mark.parametrize("share", [0.6, 1.8])
+def test_a_number_that_is_far_off_goes_far_and_names_its_effect_with_its_size(share: float) -> None:
+    """A servo whose gain is another: its number leaves its box alone, and the effect begins about where it is."""
+
+    def change(model: mujoco.MjModel) -> None:
+        model.actuator_gainprm[1, 0] *= share
+        model.actuator_biasprm[1, 1] *= share
+
+    fitter, effects = _prepared(change)
+    z = fit_loosely(fitter)
+    starts = spoken_for(fitter, effects, z, 4)
+    assert fitter.nuisances[int(np.argmax(np.abs(z)))].name.startswith("gain")
+    assert (np.abs(z) > BOX).sum() <= 3, "few go far"
+    keys = [effect.key for effect, _, _ in starts]
+    name = mujoco.mj_id2name(fitter.base.model, mujoco.mjtObj.mjOBJ_ACTUATOR, 1)
+    assert f"servo_gain@{name}" in keys
+    effect, x, rest = starts[keys.index(f"servo_gain@{name}")]
+    assert x[0] == pytest.approx(share, rel=0.15)
+    assert np.abs(rest).max() <= BOX and rest[int(np.argmax(np.abs(z)))] == 0.0
+    assert effect.parameters[0].low <= x[0] <= effect.parameters[0].high
+
+
+def test_of_a_healthy_robot_none_goes_far_and_the_sensitivities_stay() -> None:
+    fitter, effects = _prepared()
+    kept = fitter.jacobian
+    z = fit_loosely(fitter)
+    assert fitter.jacobian is kept
+    assert np.abs(z).max() < BOX and spoken_for(fitter, effects, z, 4) == []
