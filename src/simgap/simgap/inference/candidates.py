@@ -158,23 +158,30 @@ class Candidates:
             return starts
         other = self._screened(reference, (0.5, 1.0))
         foremost = [s for one in (screened, other) for s in _foremost(one, self.effort.survivors)]
-        chosen = [(s.effect, s.x, s.z) for s in foremost]
-        chosen += spoken_for(self.fitter, self.effects, fit_loosely(self.fitter), _LOOSE)
-        assert self.fitter.nominal is not None
-        select = informative_windows(self.fitter, self.fitter.nominal, FIT_WINDOWS)
-        fits: list[Fit] = []
-        for steps, share in ((_GLIMPSE, 1.0), (_GLIMPSE, _SECOND)):
-            chosen = chosen[: max(round(share * len(chosen)), self.effort.survivors)]
-            fits = []
-            for i, (effect, x, z) in enumerate(chosen):
-                self.say("compare", i / len(chosen))
-                fits.append(self.fitter.fit(Hypothesis((effect,)), x, z, steps, select=select))
-            fits.sort(key=lambda f: f.cost)
-            chosen = [(f.hypothesis.effects[0], f.x, f.z) for f in fits]
-        found: dict[int, Start] = {}
-        for effect, x, z in chosen:
-            found.setdefault(id(effect), (effect, x, z))
-        return list(found.values())[: self.effort.survivors]
+        starts = [(s.effect, s.x, s.z) for s in foremost]
+        starts += spoken_for(self.fitter, self.effects, fit_loosely(self.fitter), _LOOSE)
+        return self._compared(starts)[: self.effort.survivors]
+
+    def _compared(self, starts: Sequence[Start]) -> list[Start]:
+        """Each effect from its best start, as far as a few steps of a fit take it, the leaders as many more."""
+        fitter = self.fitter
+        assert fitter.nominal is not None
+        chosen = informative_windows(fitter, fitter.nominal, FIT_WINDOWS)
+        select = chosen if len(chosen) < len(fitter.windows) else None
+
+        def fitted(effect: Effect, x: Array, z: Array, known: Array | None = None) -> Fit:
+            at = known if select is None else None
+            return fitter.fit(Hypothesis((effect,)), x, z, _GLIMPSE, at, select=select, roughly=True)
+
+        best: dict[int, Fit] = {}
+        for i, start in enumerate(starts):
+            self.say("compare", i / len(starts))
+            fit, key = fitted(*start), id(start[0])
+            best[key] = min(best.get(key, fit), fit, key=lambda f: f.cost)
+        fits = sorted(best.values(), key=lambda f: f.cost)
+        leaders = fits[: max(round(_SECOND * len(fits)), self.effort.survivors)]
+        further = [fitted(f.hypothesis.effects[0], f.x, f.z, f.residual) for f in leaders]
+        return [(f.hypothesis.effects[0], f.x, f.z) for f in sorted(further, key=lambda f: f.cost)]
 
     def _screened(self, fit: Fit, span: tuple[float, float]) -> list[Screened]:
         low, high = span
