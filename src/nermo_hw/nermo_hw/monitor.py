@@ -100,7 +100,9 @@ def monitor_view(facts: dict[str, Any], robot: RobotParameters) -> Group:
     for name, servo in facts["servos"].items():
         limits = robot.servos[name]
         remark = "silent" if name in facts["silent_servos"] else ""
-        if not limits.lower - 0.02 <= servo["position_rad"] <= limits.upper + 0.02:
+        if math.isnan(servo["position_rad"]):
+            remark = "no reading"
+        elif not limits.lower - 0.02 <= servo["position_rad"] <= limits.upper + 0.02:
             remark = "out of range: calibrated?"
         servos.add_row(
             name,

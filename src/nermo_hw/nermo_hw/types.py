@@ -36,9 +36,11 @@ class Fault(IntFlag):
     """A servo drew too much for too long and was made limp."""
     SILENT_SERVO = 0x10
     """A servo does not answer its board."""
+    EMPTY_BATTERY = 0x20
+    """The supply was so low for so long that going on would ruin the battery; only the PWM board looks."""
 
 
-LATCHED = Fault.WATCHDOG | Fault.RESTARTED | Fault.OVER_CURRENT
+LATCHED = Fault.WATCHDOG | Fault.RESTARTED | Fault.OVER_CURRENT | Fault.EMPTY_BATTERY
 """Faults that keep servos limp until they are acknowledged."""
 
 

@@ -82,7 +82,9 @@ class Rig:
         settings["robot"]["endpoints"] = settings["workstation"]["endpoints"] = [endpoint]
         self.link = folder / "link.yaml"
         self.link.write_text(yaml.safe_dump(settings))
-        self.emulator: Emulator = make_emulator(EmulatorSettings(robot="nermo_lite", link=str(folder / "mouse")))
+        self.emulator: Emulator = make_emulator(
+            EmulatorSettings(robot="nermo_lite", bus="servo_boards", link=str(folder / "mouse"))
+        )
         self._thread = threading.Thread(target=self.emulator.run)
         self._thread.start()
         self.log = folder / "states.jsonl"

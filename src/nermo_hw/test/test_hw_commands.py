@@ -59,7 +59,7 @@ def test_a_calibration_finds_how_the_servos_are_mounted(emulate, tmp_path):
     file = tmp_path / "mounting.yaml"
     save_calibration(MOUNTING, file)
     assert load_calibration(file, ROBOT) == MOUNTING
-    device = emulate("--mounting", str(file))
+    device = emulate("--bus", "servo_boards", "--mounting", str(file))
     with Driver(ROBOT, str(device.link), reply_timeout=0.1) as driver:
         hands = Hands(device, driver)
         found = calibrate(driver, "sit", None, hands.tell, directions=True, knees=False, timeout=60.0)
@@ -78,7 +78,7 @@ def monitor_rest(leg: str) -> float:
 
 
 def test_hands_that_move_the_wrong_servo_are_told_so(emulate):
-    device = emulate()
+    device = emulate("--bus", "servo_boards")
     with Driver(ROBOT, str(device.link), reply_timeout=0.1) as driver:
         hands = Hands(device, driver, wrong="tail")
         with pytest.raises(CalibrationError, match="tail was moved while front_left_hip was asked for"):
@@ -88,7 +88,7 @@ def test_hands_that_move_the_wrong_servo_are_told_so(emulate):
 
 
 def test_a_sensor_without_a_reading_is_not_calibrated(emulate):
-    device = emulate()
+    device = emulate("--bus", "servo_boards")
     with Driver(ROBOT, str(device.link), reply_timeout=0.1) as driver:
         device.control.do("unreadable", names=["tail"])
         with pytest.raises(CalibrationError, match="^tail has no reading"):
@@ -97,13 +97,13 @@ def test_a_sensor_without_a_reading_is_not_calibrated(emulate):
 
 def test_scan_monitor_and_calibrate_from_the_command_line(emulate, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(monitor, "serial_ports", lambda: [str(tmp_path / "empty_port")])
-    device = emulate()
+    device = emulate("--bus", "servo_boards")
     link, scanned, seen, out = str(device.link), tmp_path / "scan.json", tmp_path / "now.json", tmp_path / "mouse.yaml"
 
     assert run("scan", "--port", link, "--timeout", "0.5", "--json", str(scanned)) == 0
     nobody, somebody = json.loads(scanned.read_text())["rows"]
     assert "empty_port" in nobody["error"]
-    assert (somebody["robot"], somebody["protocol"], somebody["error"]) == ("nermo_lite", "1.1", None)
+    assert (somebody["robot"], somebody["protocol"], somebody["error"]) == ("nermo_lite", "1.2", None)
 
     assert run("monitor", "--port", link, "--once", "--json", str(seen)) == 0
     facts = json.loads(seen.read_text())

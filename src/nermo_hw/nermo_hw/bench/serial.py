@@ -124,7 +124,8 @@ def exchange_in_real_time(robot_name: str, duration: float, progress: Progress |
     neutral = np.array([servo.neutral for servo in robot.servos.values()])
     with tempfile.TemporaryDirectory(prefix="nermo_bench_") as folder:
         link = Path(folder) / "device"
-        command = [sys.executable, "-m", "nermo_hw", "emulate", "--robot", robot_name, "--link", str(link)]
+        command = [sys.executable, "-m", "nermo_hw", "emulate", "--robot", robot_name, "--bus", "servo_boards"]
+        command += ["--link", str(link)]
         emulator = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         try:
             driver = _opened(Driver(robot, str(link), point_period=1.0 / RATE), emulator)

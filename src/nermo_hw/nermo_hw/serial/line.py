@@ -7,14 +7,13 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from nermo_hw.sbcp import boards
+from nermo_hw.sbcp import register_tables
 from nermo_hw.sbcp.boards import board_name
 from nermo_hw.sbcp.packet import OVERHEAD, Instruction, Packet, Status, status_name
 from nermo_hw.sbcp.parser import Parser, Plausible
+from nermo_hw.serial.bus import Address
 from nermo_hw.serial.port import open_port
 from nermo_hw.types import LineCounters, LineError, LineLostError, SilentLineError
-
-Address = tuple[int, int]
 
 LARGEST_OVERTIME = 1.0
 """A line that never ends to babble is given up after this time [s]."""
@@ -44,12 +43,12 @@ class Line:
         """Whether the port is open; whether somebody answers is another question."""
         return self._port is not None
 
-    def open(self) -> None:
-        """Opens the port; counting starts anew. Raises LineError."""
+    def open(self, baud: int) -> None:
+        """Opens the port at a speed [bit/s]; counting starts anew. Raises LineError."""
         self.close()
         self.counters = LineCounters()
         self._parser = Parser(self._plausible, prefer_later=True)
-        self._port = open_port(self.name, self.timeout)
+        self._port = open_port(self.name, self.timeout, baud)
 
     def close(self) -> None:
         """Closes the port."""
@@ -116,7 +115,9 @@ class Line:
         """
         size = 0
         if packet.code == Instruction.GET:
-            size = next(r.kind.size for r in boards.REGISTERS[packet.device_class] if r.address == packet.payload[0])
+            size = next(
+                r.kind.size for r in register_tables.REGISTERS[packet.device_class] if r.address == packet.payload[0]
+            )
 
         def answers_this(answer: Packet) -> bool:
             return answer.code != Status.OK or len(answer.payload) == size
