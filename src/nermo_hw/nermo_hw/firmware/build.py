@@ -33,7 +33,7 @@ def host_program(name: str, sanitized: bool = False) -> Path:
     command = [compiler(), *flags, "-I", str(root / "lib" / "pwm_board")]
     sources = [root / "host" / f"{name}.cpp", root / "lib" / "pwm_board" / "board.cpp"]
     known = hashlib.sha256(" ".join(command).encode())
-    for path in sorted([*root.glob("host/*"), *root.glob("lib/pwm_board/*")]):
+    for path in sorted(root.glob("*/**/*.?pp")):
         known.update(path.read_bytes())
     program = root.parent / ".cache" / "firmware" / f"{name}-{known.hexdigest()[:16]}"
     if not program.exists():

@@ -1,0 +1,73 @@
+// The board on an ESP32 with Arduino's names: pins, pulses, the UART and the supply. Everything else is in lib/pwm_board.
+#include <Arduino.h>
+#include <board.hpp>
+#include <esp_timer.h>
+
+namespace {
+
+// Servo of each channel in the order of nermo::RANGES; see README.md for the wiring.
+constexpr uint8_t SERVO_PINS[nermo::CHANNELS] = {13, 14, 16, 17, 18, 19, 21, 22, 23, 25, 26};
+constexpr uint8_t SUPPLY_PIN = 34;   // ADC1, behind the divider
+constexpr uint8_t SWITCH_PIN = 27;   // high: the servos have their supply
+constexpr uint32_t DIVIDER = 4;      // supply over what the pin sees: 30 kohm above 10 kohm
+constexpr uint32_t SUPPLY_EVERY = 10;  // loops between two looks at the supply
+constexpr uint8_t PULSE_BITS = 16;
+constexpr uint32_t PULSE_FREQUENCY = 1000000 / nermo::PULSE_PERIOD_US;
+
+nermo::Board board(0, 0, 0);
+uint64_t next_loop = 0;
+uint32_t loops = 0;
+
+uint64_t now() { return static_cast<uint64_t>(esp_timer_get_time()); }
+
+void write_line(void*, const uint8_t* data, size_t size) { Serial.write(data, size); }
+
+void attach(int channel) {
+#if ESP_ARDUINO_VERSION_MAJOR >= 3
+    ledcAttach(SERVO_PINS[channel], PULSE_FREQUENCY, PULSE_BITS);
+#else
+    ledcSetup(static_cast<uint8_t>(channel), PULSE_FREQUENCY, PULSE_BITS);
+    ledcAttachPin(SERVO_PINS[channel], static_cast<uint8_t>(channel));
+#endif
+}
+
+// width: [0.1 us]. The hardware takes it over at the begin of the next period.
+void put_out(int channel, uint16_t width) {
+    const uint32_t duty = (static_cast<uint32_t>(width) << PULSE_BITS) / (nermo::PULSE_PERIOD_US * 10);
+#if ESP_ARDUINO_VERSION_MAJOR >= 3
+    ledcWrite(SERVO_PINS[channel], duty);
+#else
+    ledcWrite(static_cast<uint8_t>(channel), duty);
+#endif
+}
+
+}  // namespace
+
+void setup() {
+    pinMode(SWITCH_PIN, OUTPUT);
+    digitalWrite(SWITCH_PIN, LOW);
+    for (int channel = 0; channel < nermo::CHANNELS; ++channel) attach(channel);
+    Serial.setTxBufferSize(256);  // an answer never waits for the UART
+    Serial.begin(nermo::BAUD);
+    const uint32_t serial_number = static_cast<uint32_t>(ESP.getEfuseMac());
+    board = nermo::Board(static_cast<uint16_t>(esp_random()), serial_number, now());
+    next_loop = now();
+    enableLoopWDT();  // a loop that hangs is a restart, and after that the servos are limp
+}
+
+void loop() {
+    uint8_t bytes[64];
+    size_t size = 0;
+    while (size < sizeof bytes && Serial.available() > 0) bytes[size++] = static_cast<uint8_t>(Serial.read());
+    board.receive(bytes, size, now(), {write_line, nullptr});
+    if (now() < next_loop) return;
+    next_loop += nermo::LOOP_PERIOD_US;
+    board.advance(now());
+    bool pulses = false;
+    for (int channel = 0; channel < nermo::CHANNELS; ++channel) {
+        put_out(channel, board.pulse(channel));
+        pulses = pulses || board.pulse(channel) != 0;
+    }
+    digitalWrite(SWITCH_PIN, pulses ? HIGH : LOW);
+    if (loops++ % SUPPLY_EVERY == 0) board.supply(static_cast<uint16_t>(analogReadMilliVolts(SUPPLY_PIN) * DIVIDER));
+}
