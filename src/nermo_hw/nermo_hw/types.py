@@ -58,7 +58,7 @@ class ServoTargets:
 class SensorSample:
     """What one exchange brought back. What a silent board did not say is as it was last, see `missing`.
 
-    NaN is what a board that did answer could not measure.
+    NaN is what a board that did answer could not measure; of a blind device everything but faults and voltage.
     """
 
     stamp: int
@@ -93,6 +93,8 @@ class SensorSample:
     over_current_servos: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
     """Boards that did not answer this time, as in "servo board 3"."""
+    blind: bool = False
+    """Whether the device has no sensors but that of its supply, so that their silence is no fault."""
 
 
 @dataclass(slots=True)

@@ -89,4 +89,5 @@ class PwmBoardBus:
             faults=Fault(0) if answer is None else Fault(answer.faults),
             limp=answer is None or answer.state in (State.LIMP, State.FAULT),
             missing=missing,
+            blind=True,
         )
