@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 import subprocess
 
@@ -13,6 +14,7 @@ from pwm_host import LOWER, MIDDLE, ROBOT, UPPER, PwmHost, need_compiler, pulse
 
 from nermo_description.silence import HOLD, WATCHDOG
 from nermo_hw.firmware import build, header
+from nermo_hw.firmware.cli import bench_app
 from nermo_hw.sbcp.boards import ACKNOWLEDGE, POINT
 from nermo_hw.sbcp.packet import Instruction, Packet, Status
 from nermo_hw.sbcp.pwm_board import ADDRESS, CHANNELS, FLAGS, POWER, PULSE, STAGGER, Answer, Request, State
@@ -340,6 +342,20 @@ def test_a_request_comes_back_as_it_went(session, sequence, flags, milliseconds,
     assert (again.session, again.sequence, again.flags) == (session, sequence, flags)
     assert again.time == pytest.approx(request.time)
     np.testing.assert_allclose(again.targets, targets, atol=1e-9)
+
+
+def test_the_bench_measures_what_it_says(tmp_path, capsys):
+    need_compiler()
+    file = tmp_path / "firmware.json"
+    words = ["firmware", "--bytes", "20000", "--trials", "3", "--json", str(file)]
+    with pytest.raises(SystemExit) as end:
+        bench_app(args=words, prog_name="bench")
+    assert end.value.code == 0
+    facts = json.loads(file.read_text())
+    assert facts["fuzz"]["bytes"] >= 20_000 and facts["fuzz"]["passed"]
+    assert [(row["state"], row["expected_ms"]) for row in facts["silences"]] == [("HOLDING", 200.0), ("FAULT", 500.0)]
+    assert facts["line"]["largest_rate_hz"] > 500.0
+    assert "HOLDING" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("seed", [1, 2])
