@@ -1,7 +1,10 @@
-// The board on an ESP32 with Arduino's names: pins, pulses, the UART and the supply. Everything else is in lib/pwm_board.
+// The board on an ESP32 with Arduino's names: pins, pulses, the line and the supply. Everything else is in lib/pwm_board.
 #include <Arduino.h>
 #include <board.hpp>
 #include <esp_timer.h>
+#ifdef NERMO_WIFI_SSID
+#include <WiFi.h>
+#endif
 
 namespace {
 
@@ -20,7 +23,33 @@ uint32_t loops = 0;
 
 uint64_t now() { return static_cast<uint64_t>(esp_timer_get_time()); }
 
-void write_line(void*, const uint8_t* data, size_t size) { Serial.write(data, size); }
+#ifdef NERMO_WIFI_SSID
+// The line is one TCP connection, the newest: whoever may join the network may drive. See README.md.
+WiFiServer server(3333);
+WiFiClient line;
+
+void open_line() {
+    WiFi.begin(NERMO_WIFI_SSID, NERMO_WIFI_PASSWORD);
+    server.begin();
+}
+
+void look_at_line() {
+    if (!server.hasClient()) return;
+    line = server.available();
+    line.setNoDelay(true);
+}
+#else
+HardwareSerial& line = Serial;
+
+void open_line() {
+    Serial.setTxBufferSize(256);  // an answer never waits for the UART
+    Serial.begin(nermo::BAUD);
+}
+
+void look_at_line() {}
+#endif
+
+void write_line(void*, const uint8_t* data, size_t size) { line.write(data, size); }
 
 void attach(int channel) {
 #if ESP_ARDUINO_VERSION_MAJOR >= 3
@@ -47,8 +76,7 @@ void setup() {
     pinMode(SWITCH_PIN, OUTPUT);
     digitalWrite(SWITCH_PIN, LOW);
     for (int channel = 0; channel < nermo::CHANNELS; ++channel) attach(channel);
-    Serial.setTxBufferSize(256);  // an answer never waits for the UART
-    Serial.begin(nermo::BAUD);
+    open_line();
     const uint32_t serial_number = static_cast<uint32_t>(ESP.getEfuseMac());
     board = nermo::Board(static_cast<uint16_t>(esp_random()), serial_number, now());
     next_loop = now();
@@ -56,9 +84,10 @@ void setup() {
 }
 
 void loop() {
+    look_at_line();
     uint8_t bytes[64];
     size_t size = 0;
-    while (size < sizeof bytes && Serial.available() > 0) bytes[size++] = static_cast<uint8_t>(Serial.read());
+    while (size < sizeof bytes && line.available() > 0) bytes[size++] = static_cast<uint8_t>(line.read());
     board.receive(bytes, size, now(), {write_line, nullptr});
     if (now() < next_loop) return;
     next_loop += nermo::LOOP_PERIOD_US;

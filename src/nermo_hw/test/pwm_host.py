@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nermo_description.robots import load_robot
-from nermo_hw.firmware.build import COMPILERS, host_program
+from nermo_hw.firmware.build import COMPILERS, FirmwareError, host_program
 from nermo_hw.firmware.process import Firmware, Reply
 from nermo_hw.sbcp.boards import ACKNOWLEDGE, POINT
 from nermo_hw.sbcp.packet import Instruction, Packet
@@ -37,6 +37,17 @@ def need_compiler() -> None:
     """Skips a test of the firmware on a machine that cannot build it, and says so."""
     if not any(name and shutil.which(name) for name in (os.environ.get("CXX", ""), *COMPILERS)):
         pytest.skip("no C++ compiler: the firmware cannot be built here (nermo doctor says how to get one)")
+
+
+def need_sanitizers() -> None:
+    """The same where the sanitizers' libraries are missing, which some distributions have in packages of their own."""
+    need_compiler()
+    try:
+        host_program("serve", sanitized=True)
+    except FirmwareError as error:
+        if "asan" in str(error) or "ubsan" in str(error):
+            pytest.skip(f"no sanitizers: {error}")
+        raise
 
 
 def pulse(angles: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 from emulated import EmulatedDevice, until
+from pwm_host import need_compiler
 
 from nermo_description.robots import load_robot
 from nermo_hw.device.fault_injection import FaultError
@@ -28,6 +29,8 @@ BUSES = ["servo_boards", "pwm_board"]
 @pytest.fixture(scope="module", params=BUSES)
 def device(request, tmp_path_factory):
     """One of each bus for all tests that leave it as it was."""
+    if request.param == "pwm_board":
+        need_compiler()
     made = EmulatedDevice(tmp_path_factory.mktemp("device"), "--tcp-port", "0", "--bus", request.param)
     yield made
     made.kill()
@@ -83,6 +86,8 @@ def exchange(driver: Driver, targets: ServoTargets | None = None) -> SensorSampl
 
 @pytest.mark.parametrize(("bus", "count"), zip(BUSES, (6, 1), strict=True))
 def test_who_is_there_and_servos_that_go_where_they_are_told(emulate, bus, count):
+    if bus == "pwm_board":
+        need_compiler()
     device = emulate("--bus", bus)
     with Driver(ROBOT, str(device.link)) as driver:
         identity = driver.identify()
@@ -110,6 +115,7 @@ def test_who_is_there_and_servos_that_go_where_they_are_told(emulate, bus, count
 
 
 def test_what_the_sensors_of_a_board_say_and_what_a_board_without_them_does_not(boards, emulate):
+    need_compiler()
     sample = exchange(ready(boards.link))
     np.testing.assert_allclose(sample.servo_positions, NEUTRAL, atol=0.2)
     np.testing.assert_allclose(sample.orientation, [1, 0, 0, 0], atol=1e-3)
@@ -309,3 +315,21 @@ def test_none_of_it_needs_ros_or_mujoco():
         "sys.exit(' '.join({'rclpy', 'mujoco', 'nermo_interfaces', 'scipy'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stderr.strip() == ""
+
+
+def test_a_servo_of_nermo_lite_that_sits_the_other_way_round_goes_where_it_is_told(emulate, tmp_path):
+    need_compiler()
+    hip = ROBOT.servos["front_right_hip"]
+    mirrored = {"front_right_hip": Mounting(direction=-1, zero=round(hip.lower + hip.upper + 0.02, 4))}
+    calibration = Calibration(robot="nermo_lite", servos=mirrored)
+    save_calibration(calibration, tmp_path / "mounting.yaml")
+    device = emulate("--mounting", str(tmp_path / "mounting.yaml"))
+    driver = ready(device.link, calibration=calibration)
+    goal = NEUTRAL - 0.2
+
+    def arrived() -> bool:
+        exchange(driver, ServoTargets(goal))
+        return abs(device.control.do("state")["positions"]["front_right_hip"] - goal[2]) < 5e-3
+
+    assert driver.names[2] == "front_right_hip"
+    until(arrived, "the servo has moved")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pwm_host import LOWER, MIDDLE, ROBOT, UPPER, PwmHost, need_compiler, pulse
+from pwm_host import LOWER, MIDDLE, ROBOT, UPPER, PwmHost, need_compiler, need_sanitizers, pulse
 
 from nermo_description.silence import HOLD, WATCHDOG
 from nermo_hw.firmware import build, header
@@ -26,7 +26,7 @@ NEUTRAL = np.array([servo.neutral for servo in ROBOT.servos.values()])
 
 @pytest.fixture(scope="module")
 def running():
-    need_compiler()
+    need_sanitizers()
     made = PwmHost()
     yield made
     made.close()
@@ -46,12 +46,13 @@ def test_the_constants_of_the_firmware_are_those_of_the_driver():
     assert file.read_text(encoding="utf-8") == header.header(), "python -m nermo_hw.firmware.header"
 
 
+@pytest.mark.parametrize("wifi", [(), ('-DNERMO_WIFI_SSID="a"', '-DNERMO_WIFI_PASSWORD="b"')])
 @pytest.mark.parametrize("core", [2, 3])
-def test_what_is_for_the_microcontroller_only_compiles_against_the_names_that_it_uses(core):
+def test_what_is_for_the_microcontroller_only_compiles_against_the_names_that_it_uses(core, wifi):
     need_compiler()
     root = build.firmware_folder()
     folders = (word for part in ("host/arduino", "lib/pwm_board") for word in ("-I", str(root / part)))
-    command = [build.compiler(), *build.FLAGS, f"-DESP_ARDUINO_VERSION_MAJOR={core}", "-fsyntax-only", *folders]
+    command = [build.compiler(), *build.FLAGS, f"-DESP_ARDUINO_VERSION_MAJOR={core}", *wifi, "-fsyntax-only", *folders]
     run = subprocess.run([*command, str(root / "src" / "main.cpp")], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
 
@@ -345,7 +346,7 @@ def test_a_request_comes_back_as_it_went(session, sequence, flags, milliseconds,
 
 
 def test_the_bench_measures_what_it_says(tmp_path, capsys):
-    need_compiler()
+    need_sanitizers()
     file = tmp_path / "firmware.json"
     words = ["firmware", "--bytes", "20000", "--trials", "3", "--json", str(file)]
     with pytest.raises(SystemExit) as end:
@@ -360,7 +361,7 @@ def test_the_bench_measures_what_it_says(tmp_path, capsys):
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_random_and_mutated_bytes_bring_nothing_about_that_must_not_be(seed):
-    need_compiler()
+    need_sanitizers()
     run = subprocess.run(
         [str(build.host_program("fuzz", sanitized=True)), "400000", str(seed)], capture_output=True, text=True
     )

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule, run_state_machine_as_test
-from pwm_host import LOWER, UPPER, PwmHost, need_compiler, pulse
+from pwm_host import LOWER, UPPER, PwmHost, need_sanitizers, pulse
 
 from nermo_description.silence import HOLD, WATCHDOG
 from nermo_hw.sbcp.boards import ACKNOWLEDGE, POINT
@@ -183,7 +183,7 @@ class Board(RuleBasedStateMachine):
 
 @pytest.fixture(scope="module")
 def host():
-    need_compiler()
+    need_sanitizers()
     made = PwmHost()
     yield made
     made.close()

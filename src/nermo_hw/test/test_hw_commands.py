@@ -7,12 +7,14 @@ import threading
 
 import pytest
 from emulated import until
+from pwm_host import need_compiler
 
 from nermo_description.parameter_files import ParameterError
 from nermo_description.results import CommandError
 from nermo_description.robots import load_robot
 from nermo_hw import monitor
 from nermo_hw.cli import hw_app
+from nermo_hw.device.fault_injection import FaultError
 from nermo_hw.serial.calibrate import CalibrationError, Calibrator, calibrate
 from nermo_hw.serial.calibration import Calibration, Mounting, load_calibration, save_calibration
 from nermo_hw.serial.driver import Driver
@@ -115,6 +117,31 @@ def test_scan_monitor_and_calibrate_from_the_command_line(emulate, tmp_path, cap
     assert load_calibration(out, ROBOT).servos["tail"] == Mounting()
 
 
+def test_a_board_without_sensors_is_seen_and_is_not_calibrated(emulate, tmp_path, capsys, monkeypatch):
+    need_compiler()
+    monkeypatch.setattr(monitor, "serial_ports", lambda: [])
+    device = emulate()  # of a nermo_lite: its own board
+    link, seen = str(device.link), tmp_path / "now.json"
+    assert run("scan", "--port", link) == 0
+    assert run("monitor", "--port", link, "--once", "--json", str(seen)) == 0
+    facts = json.loads(seen.read_text())
+    assert facts["blind"] and facts["limp"] and facts["faults"] == ["RESTARTED"]
+    assert 6.0 < facts["battery_v"] < 8.5
+    assert "no sensors" in capsys.readouterr().out
+    with pytest.raises(CommandError, match="reads no angles.*nothing was written"):
+        hw_app(
+            args=["calibrate", "--port", link, "--out", str(tmp_path / "mouse.yaml")],
+            prog_name="nermo hw",
+            standalone_mode=False,
+        )
+    for words, text in (
+        (["silent_servos", {"names": ["tail"]}], "a PWM board has nothing that could be so"),
+        (["charge", {"value": 2.0}], "within 0 and 1"),
+    ):
+        with pytest.raises(FaultError, match=text):
+            device.control.do(words[0], **words[1])
+
+
 def test_what_cannot_be_done_is_said_in_a_sentence(tmp_path, monkeypatch):
     monkeypatch.setattr(monitor, "serial_ports", lambda: [])
     out = str(tmp_path / "mouse.yaml")
@@ -127,6 +154,8 @@ def test_what_cannot_be_done_is_said_in_a_sentence(tmp_path, monkeypatch):
         (["calibrate", "--port", "x", "--out", out, "--posture", "headstand"], "headstand", 2),
         (["emulate"], "link, or tcp_port", 2),
         (["emulate", "--tcp-port", "70000"], "tcp_port", 2),
+        (["emulate", "--tcp-port", "0", "--bus", "can"], "bus", 2),
+        (["emulate", "--tcp-port", "0", "--store", "x.yaml"], "no non-volatile registers", 2),
     ):
         with pytest.raises(CommandError, match=text) as error:
             hw_app(args=words, prog_name="nermo hw", standalone_mode=False)
