@@ -17,9 +17,13 @@ constexpr uint32_t SUPPLY_EVERY = 10;  // loops between two looks at the supply
 constexpr uint8_t PULSE_BITS = 16;
 constexpr uint32_t PULSE_FREQUENCY = 1000000 / nermo::PULSE_PERIOD_US;
 
+constexpr uint32_t LONGEST_LOOP_MS = 100;
+constexpr uint64_t WATCH_EVERY_US = 20000;
+
 nermo::Board board(0, 0, 0);
 uint64_t next_loop = 0;
 uint32_t loops = 0;
+volatile uint32_t alive_ms = 0;
 
 uint64_t now() { return static_cast<uint64_t>(esp_timer_get_time()); }
 
@@ -70,6 +74,13 @@ void put_out(int channel, uint16_t width) {
 #endif
 }
 
+// In a task of its own: pulses go on by themselves, so a loop that hangs would leave the servos where they are.
+void watch(void*) {
+    if (millis() - alive_ms <= LONGEST_LOOP_MS) return;
+    digitalWrite(SWITCH_PIN, LOW);
+    esp_restart();
+}
+
 }  // namespace
 
 void setup() {
@@ -80,10 +91,17 @@ void setup() {
     const uint32_t serial_number = static_cast<uint32_t>(ESP.getEfuseMac());
     board = nermo::Board(static_cast<uint16_t>(esp_random()), serial_number, now());
     next_loop = now();
-    enableLoopWDT();  // a loop that hangs is a restart, and after that the servos are limp
+    alive_ms = millis();
+    esp_timer_create_args_t arguments = {};
+    arguments.callback = watch;
+    arguments.name = "watch";
+    esp_timer_handle_t timer = nullptr;
+    esp_timer_create(&arguments, &timer);
+    esp_timer_start_periodic(timer, WATCH_EVERY_US);
 }
 
 void loop() {
+    alive_ms = millis();
     look_at_line();
     uint8_t bytes[64];
     size_t size = 0;

@@ -12,7 +12,8 @@ void pinMode(uint8_t pin, uint8_t mode);
 void digitalWrite(uint8_t pin, uint8_t value);
 uint32_t analogReadMilliVolts(uint8_t pin);
 uint32_t esp_random();
-void enableLoopWDT();
+uint32_t millis();
+[[noreturn]] void esp_restart();
 #if ESP_ARDUINO_VERSION_MAJOR >= 3
 bool ledcAttach(uint8_t pin, uint32_t frequency, uint8_t bits);
 bool ledcWrite(uint8_t pin, uint32_t duty);
