@@ -78,6 +78,7 @@ def emulate(
     from pydantic import ValidationError
 
     from nermo_hw.device.setup import EmulatorSettings, make_emulator
+    from nermo_hw.firmware.build import FirmwareError
 
     try:
         settings = EmulatorSettings(
@@ -101,7 +102,10 @@ def emulate(
     places = [link] if link else []
     places += [f"socket://{settings.tcp_host}:{emulator.port}"] if tcp_port >= 0 else []
     print(f"an emulated {robot} is at {' and '.join(places)}", flush=True)
-    emulator.run()
+    try:
+        emulator.run()
+    except FirmwareError as error:
+        raise CommandError(f"{error}.") from error
 
 
 @hw_app.command("scan")

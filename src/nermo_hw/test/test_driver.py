@@ -8,8 +8,9 @@ import subprocess
 import sys
 
 import numpy as np
+import psutil
 import pytest
-from emulated import EmulatedDevice, until
+from emulated import PATIENCE, EmulatedDevice, until
 from pwm_host import need_compiler
 
 from nermo_description.robots import load_robot
@@ -315,6 +316,35 @@ def test_none_of_it_needs_ros_or_mujoco():
         "sys.exit(' '.join({'rclpy', 'mujoco', 'nermo_interfaces', 'scipy'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stderr.strip() == ""
+
+
+def test_a_mouse_that_says_other_ranges_is_held_to_those_of_the_firmware(emulate, tmp_path):
+    need_compiler()
+    file = tmp_path / "mouse.yaml"
+    file.write_text("name: my_mouse\nbase: nermo_lite\nservos: {tail: {lower: -1.0, upper: 1.5}}\n")
+    robot = load_robot(file)
+    tail = list(robot.servos).index("tail")
+    device = emulate("--robot", str(file))
+    driver = ready(device.link)
+
+    def tail_is_at(angle: float) -> bool:
+        exchange(driver, ServoTargets(np.where(np.arange(len(NEUTRAL)) == tail, target, NEUTRAL)))
+        return abs(device.control.do("state")["positions"]["tail"] - angle) < 5e-3
+
+    target = 0.7
+    until(lambda: tail_is_at(0.7), "the tail is where it was told to be")
+    target = 1.5
+    until(lambda: tail_is_at(ROBOT.servos["tail"].upper), "the tail is held")
+
+
+def test_an_emulator_whose_firmware_has_ended_says_so(emulate):
+    need_compiler()
+    device = emulate("--bus", "pwm_board")
+    (firmware,) = psutil.Process(device.process.pid).children()
+    firmware.kill()
+    said, _ = device.process.communicate(timeout=PATIENCE)
+    assert device.process.returncode == 1
+    assert "the firmware has ended" in said and "Traceback" not in said
 
 
 def test_a_servo_of_nermo_lite_that_sits_the_other_way_round_goes_where_it_is_told(emulate, tmp_path):

@@ -155,6 +155,7 @@ def test_what_cannot_be_done_is_said_in_a_sentence(tmp_path, monkeypatch):
         (["emulate"], "link, or tcp_port", 2),
         (["emulate", "--tcp-port", "70000"], "tcp_port", 2),
         (["emulate", "--tcp-port", "0", "--bus", "can"], "bus", 2),
+        (["emulate", "--tcp-port", "0", "--robot", "nermo", "--bus", "pwm_board"], "no channel for spine_vertical", 2),
         (["emulate", "--tcp-port", "0", "--store", "x.yaml"], "no non-volatile registers", 2),
     ):
         with pytest.raises(CommandError, match=text) as error:

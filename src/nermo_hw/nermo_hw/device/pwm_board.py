@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_description.parameters import RobotParameters
+from nermo_description.robots import load_robot
 from nermo_hw.device.device import STEP_NS, WATCH_EVERY, Array, Device, DeviceSettings, Point
 from nermo_hw.device.plant import Plant
 from nermo_hw.firmware.process import Firmware, Reply
@@ -26,7 +27,7 @@ class PwmBoard(Device):
 
     program: a build of the firmware, by default one without sanitizers.
 
-    Raises FirmwareError where it cannot be built.
+    Raises FirmwareError where it cannot be built, ValueError for a robot with servos that it has no channel for.
     """
 
     what = "a PWM board"
@@ -47,8 +48,10 @@ class PwmBoard(Device):
         self._started = now
         self._deaf_until = now
         self._request_parser, self._answer_parser = Parser(plausible_request), Parser(plausible_answer)
-        self._channels = [pwm_board.SERVOS.index(name) for name in self._names]
-        servos = [robot.servos[name] for name in self._names]
+        self._channels = pwm_board.channels(self._names)
+        # The firmware was built for this one, whatever its description says of the robot's own servos.
+        built_for = load_robot(pwm_board.ROBOT).servos
+        servos = [built_for[name] for name in self._names]
         self._middle = np.array([(servo.lower + servo.upper) / 2.0 for servo in servos])
         self._firmware = Firmware(program)
         self._last = self._firmware.power_up(self._new_session(), 0)

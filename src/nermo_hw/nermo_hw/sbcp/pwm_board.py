@@ -11,6 +11,7 @@ from __future__ import annotations
 import binascii
 import math
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -41,6 +42,14 @@ SERVOS = (
 )
 """Servo of each channel: all that Nermo-Lite has."""
 CHANNELS = len(SERVOS)
+
+
+def channels(names: Sequence[str]) -> list[int]:
+    """Channel of each servo. Raises ValueError for one that the board has none for."""
+    if unknown := [name for name in names if name not in SERVOS]:
+        raise ValueError(f"a PWM board has no channel for {', '.join(unknown)}; it has {', '.join(SERVOS)}")
+    return [SERVOS.index(name) for name in names]
+
 
 BAUD = 921_600
 """Of its line [bit/s]: the fastest that the common USB adapters of such boards keep."""

@@ -12,7 +12,7 @@ from nermo_description.parameters import LEGS, RobotParameters
 from nermo_hw.sbcp import pwm_board
 from nermo_hw.sbcp.boards import ACKNOWLEDGE, POINT, TACTILE_CHANNELS
 from nermo_hw.sbcp.packet import Instruction, Packet
-from nermo_hw.sbcp.pwm_board import ADDRESS, CHANNELS, POWER, SERVOS, Answer, Request, State
+from nermo_hw.sbcp.pwm_board import ADDRESS, CHANNELS, POWER, Answer, Request, State
 from nermo_hw.sbcp.registers import Value
 from nermo_hw.serial.bus import Address
 from nermo_hw.serial.calibration import Calibration, Mountings
@@ -35,10 +35,8 @@ class PwmBoardBus:
 
     def __init__(self, robot: RobotParameters, calibration: Calibration | None, period_ms: int) -> None:
         names = tuple(robot.servos)
-        if unknown := [name for name in names if name not in SERVOS]:
-            raise ValueError(f"a PWM board has no channel for {', '.join(unknown)}")
         self._count = len(names)
-        self._channel = [SERVOS.index(name) for name in names]
+        self._channel = pwm_board.channels(names)
         self._servos = Mountings(names, calibration.servos if calibration else {})
         self._way = min(period_ms * 1e-3, pwm_board.LONGEST_WAY)
         self._sequence = self._offset = self._sent = self._session = 0
