@@ -255,6 +255,17 @@ def test_silence_holds_then_makes_limp_at_the_times_of_the_one_table(host):
     assert host.drive(NEUTRAL).state == State.DRIVING
 
 
+def test_a_clock_that_is_behind_changes_nothing(host):
+    host.drive(NEUTRAL)
+    before, now = host.last, host.now
+    host.now -= 100_000
+    answer = host.exchange(NEUTRAL)
+    assert (answer.state, answer.last) == (State.DRIVING, host.sequence)
+    assert (host.last.pulses == before.pulses).all()
+    host.now = now
+    assert host.wait(500).state == State.FAULT
+
+
 def test_a_host_that_talks_without_points_has_the_servos_held(host):
     host.drive(NEUTRAL)
     before = host.last.pulses
@@ -348,7 +359,7 @@ def test_a_request_comes_back_as_it_went(session, sequence, flags, milliseconds,
 def test_the_bench_measures_what_it_says(tmp_path, capsys):
     need_sanitizers()
     file = tmp_path / "firmware.json"
-    words = ["firmware", "--bytes", "20000", "--trials", "3", "--json", str(file)]
+    words = ["firmware", "--bytes", "20000", "--trials", "3", "--real-time", "0.5", "--json", str(file)]
     with pytest.raises(SystemExit) as end:
         bench_app(args=words, prog_name="bench")
     assert end.value.code == 0
@@ -356,6 +367,8 @@ def test_the_bench_measures_what_it_says(tmp_path, capsys):
     assert facts["fuzz"]["bytes"] >= 20_000 and facts["fuzz"]["passed"]
     assert [(row["state"], row["expected_ms"]) for row in facts["silences"]] == [("HOLDING", 200.0), ("FAULT", 500.0)]
     assert facts["line"]["largest_rate_hz"] > 500.0
+    assert facts["real_time"]["cycles"] > 0
+    assert facts["real_time"]["rtt_ms"]["p50"] >= facts["line"]["exchange_ms"], "no faster than its bytes on the line"
     assert "HOLDING" in capsys.readouterr().out
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from nermo_description.silence import HOLD, WATCHDOG
+from nermo_hw.bench.serial import exchange_in_real_time
 from nermo_hw.firmware.build import FirmwareError, host_program
 from nermo_hw.firmware.process import Firmware
 from nermo_hw.sbcp.boards import ACKNOWLEDGE, BITS_PER_BYTE, POINT
@@ -23,6 +24,7 @@ from nermo_hw.sbcp.pwm_board import (
     LOOP_PERIOD,
     POWER,
     REQUEST_SIZE,
+    ROBOT,
     Request,
     State,
 )
@@ -55,9 +57,15 @@ def bench_firmware(
     seed: int = 0,
     trials: int = 200,
     exchanges: int = 1_000_000,
+    real_time: float = 10.0,
     say: Say = lambda _: None,
 ) -> dict[str, Any]:
-    """Everything that is measured of it. Raises FirmwareError where it cannot be built."""
+    """Everything that is measured of it.
+
+    real_time: how long to exchange with the driver on a pseudo-terminal [s].
+
+    Raises FirmwareError where it cannot be built, CommandError where the emulator does not come up.
+    """
     say("building the firmware for this machine")
     sanitized = host_program("fuzz", sanitized=True)
     say(f"fuzzing with {fuzzed_bytes} bytes")
@@ -68,6 +76,8 @@ def bench_firmware(
     silences = silence_times(trials, seed)
     say(f"{exchanges} exchanges as fast as they go")
     rate = _run(str(host_program("rate")), str(exchanges))
+    say(f"{real_time:g} s of exchanges in real time")
+    real = exchange_in_real_time(ROBOT, real_time, bus="pwm_board", rate=RATE)
     return {
         "fuzz": fuzz,
         "silences": [
@@ -82,6 +92,7 @@ def bench_firmware(
         ],
         "trials": trials,
         "line": line_facts(),
+        "real_time": real,
         "exchanges_a_second_on_this_machine": 1e9 / rate["nanoseconds_each"],
         "passed": bool(fuzz["passed"]) and all(row.in_time for row in silences),
     }
