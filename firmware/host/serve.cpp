@@ -11,6 +11,8 @@ using namespace nermo;
 
 namespace {
 
+constexpr uint64_t LONGEST_SLEEP_US = 60000000;  // of this machine, through which every loop is run
+
 bool read(uint8_t* data, size_t size) { return std::fread(data, 1, size, stdin) == size; }
 
 void put16(host::Bytes& bytes, uint16_t value) {
@@ -31,7 +33,7 @@ int main() {
         for (int byte = 8; byte > 0; --byte) now = now << 8 | head[byte];
         data.resize(Reader(head + 9).u16());
         if (!data.empty() && !read(data.data(), data.size())) break;
-        if (now > loop + 3600ull * 1000000) loop = now - 3600ull * 1000000;
+        if (now > loop + LONGEST_SLEEP_US) loop = now - LONGEST_SLEEP_US;
         for (; loop + LOOP_PERIOD_US <= now; board.advance(loop)) loop += LOOP_PERIOD_US;
         line.clear();
         if (head[0] == 'r' && data.size() == 2) {

@@ -13,18 +13,10 @@ constexpr bool is_newer(uint16_t sequence, uint16_t than) {
 
 }  // namespace
 
-static_assert(CHANNELS == 11, "one SetPoint a channel below");
-
 Board::Board(uint16_t session, uint32_t serial_number, uint64_t now)
-    : set_points_{SetPoint(RANGES[0]), SetPoint(RANGES[1]), SetPoint(RANGES[2]), SetPoint(RANGES[3]),
-                  SetPoint(RANGES[4]), SetPoint(RANGES[5]), SetPoint(RANGES[6]), SetPoint(RANGES[7]),
-                  SetPoint(RANGES[8]), SetPoint(RANGES[9]), SetPoint(RANGES[10])},
-      serial_number_(serial_number),
-      session_(session),
-      now_(now),
-      started_(now),
-      heard_(now),
-      full_(now) {}
+    : serial_number_(serial_number), session_(session), now_(now), started_(now), heard_(now), full_(now) {
+    for (int channel = 0; channel < CHANNELS; ++channel) set_points_[channel] = SetPoint(RANGES[channel]);
+}
 
 void Board::receive(const uint8_t* data, size_t size, uint64_t now, Sink sink) {
     advance(now);

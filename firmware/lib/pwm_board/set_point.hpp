@@ -9,6 +9,7 @@ namespace nermo {
 
 class SetPoint {
 public:
+    SetPoint() = default;
     explicit SetPoint(const Range& range) : range_(range) {}
 
     // Brings an angle [0.1 mrad] into the range.
@@ -54,7 +55,7 @@ public:
     }
 
 private:
-    Range range_;
+    Range range_ = {};
     bool known_ = false;
     int32_t position_ = 0;  // 0.1 mrad / FINE, as start_ and goal_
     int32_t start_ = 0;

@@ -23,6 +23,10 @@ class SilentLineError(LineError):
     """Nobody answered this exchange; the next one may."""
 
 
+class AbsentBoardError(SilentLineError):
+    """A board did not answer, and the bus controller says so in its name: asking again does not help."""
+
+
 class Fault(IntFlag):
     """What a board has to say about itself. All but the voltage stay until they are acknowledged (`Driver.release`)."""
 

@@ -6,6 +6,7 @@ import contextlib
 import re
 import subprocess
 import sys
+import threading
 
 import numpy as np
 import psutil
@@ -15,6 +16,7 @@ from pwm_host import need_compiler
 
 from nermo_description.robots import load_robot
 from nermo_hw.device.fault_injection import FaultError
+from nermo_hw.device.setup import EmulatorSettings, make_emulator
 from nermo_hw.sbcp.boards import BODY_BOARD
 from nermo_hw.serial.calibration import Calibration, Mounting, save_calibration
 from nermo_hw.serial.driver import Driver
@@ -335,6 +337,21 @@ def test_a_mouse_that_says_other_ranges_is_held_to_those_of_the_firmware(emulate
     until(lambda: tail_is_at(0.7), "the tail is where it was told to be")
     target = 1.5
     until(lambda: tail_is_at(ROBOT.servos["tail"].upper), "the tail is held")
+
+
+def test_a_board_that_starts_anew_when_its_port_is_opened_is_waited_for(tmp_path):
+    need_compiler()
+    settings = EmulatorSettings(bus="pwm_board", boot_time=1.0, link=str(tmp_path / "device"))
+    emulator = make_emulator(settings)
+    emulator.device.brown_out()
+    thread = threading.Thread(target=emulator.run)
+    thread.start()
+    try:
+        with Driver(ROBOT, settings.link) as driver:
+            assert driver.bus.name == "pwm_board"
+    finally:
+        emulator.stop()
+        thread.join()
 
 
 def test_an_emulator_whose_firmware_has_ended_says_so(emulate):

@@ -17,7 +17,18 @@ from nermo_hw.firmware import build, header
 from nermo_hw.firmware.cli import bench_app
 from nermo_hw.sbcp.boards import ACKNOWLEDGE, POINT
 from nermo_hw.sbcp.packet import Instruction, Packet, Status
-from nermo_hw.sbcp.pwm_board import ADDRESS, CHANNELS, FLAGS, POWER, PULSE, STAGGER, Answer, Request, State
+from nermo_hw.sbcp.pwm_board import (
+    ADDRESS,
+    CHANNELS,
+    FLAGS,
+    POWER,
+    PULSE,
+    STAGGER,
+    Answer,
+    DamagedPayloadError,
+    Request,
+    State,
+)
 from nermo_hw.sbcp.register_tables import PWM_BOARD_REGISTERS
 from nermo_hw.types import Fault
 
@@ -370,6 +381,18 @@ def test_the_bench_measures_what_it_says(tmp_path, capsys):
     assert facts["real_time"]["cycles"] > 0
     assert facts["real_time"]["rtt_ms"]["p50"] >= facts["line"]["exchange_ms"], "no faster than its bytes on the line"
     assert "HOLDING" in capsys.readouterr().out
+
+
+@given(st.integers(5, 50), st.integers(1, 255))
+@settings(max_examples=50, deadline=None)
+def test_an_answer_that_was_damaged_is_not_believed(running, place, change):
+    running.wait(1)
+    running.power_up()
+    (packet,) = running.send(running.frame(NEUTRAL))
+    raw = bytearray(packet.encode())
+    raw[place] ^= change
+    with pytest.raises(DamagedPayloadError):
+        Answer.decode(bytes(raw[5:-1]))
 
 
 @pytest.mark.parametrize("seed", [1, 2])

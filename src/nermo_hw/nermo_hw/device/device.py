@@ -184,6 +184,10 @@ class Device(ABC):
             self.time += STEP_NS
             self._step()
 
+    def _ppm(self) -> float:
+        """How much too fast a board's clock runs."""
+        return self.settings.clock_ppm + self.settings.clock_spread_ppm * float(self._random.standard_normal())
+
     @abstractmethod
     def _step(self) -> None:
         """A millisecond passes."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from nermo_description.parameters import RobotParameters
 from nermo_description.robots import load_robot
+from nermo_hw.device.board import BoardClock
 from nermo_hw.device.device import STEP_NS, WATCH_EVERY, Array, Device, DeviceSettings, Point
 from nermo_hw.device.plant import Plant
 from nermo_hw.firmware.process import Firmware, Reply
@@ -45,7 +46,7 @@ class PwmBoard(Device):
     ) -> None:
         super().__init__(robot, plant, settings, mounting=mounting, seed=seed, now=now)
         self._baud = self.settings.baud or pwm_board.BAUD
-        self._started = now
+        self._clock = BoardClock(self._ppm(), now)
         self._deaf_until = now
         self._request_parser, self._answer_parser = Parser(plausible_request), Parser(plausible_answer)
         self._channels = pwm_board.channels(self._names)
@@ -127,8 +128,7 @@ class PwmBoard(Device):
 
     def _local(self, now: int) -> int:
         """The board's own time [us]."""
-        elapsed = now - self._started
-        return (elapsed + round(elapsed * self.settings.clock_ppm * 1e-6)) // 1000
+        return self._clock.local(now) // 1000
 
     # Faults, at run time
 

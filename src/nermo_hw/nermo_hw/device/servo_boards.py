@@ -185,9 +185,6 @@ class ServoBoards(Device):
         places = [None if place is None else self._names[place] for place in board.servos]
         return sum(1 << channel for channel, name in enumerate(places) if name in names)
 
-    def _ppm(self) -> float:
-        return self.settings.clock_ppm + self.settings.clock_spread_ppm * float(self._random.standard_normal())
-
     def _sense(self) -> PlantSensors:
         """The plant's sensors of this step, angles as servos and encoders report them."""
         if self._sensed is None or self._sensed[0] != self._steps:

@@ -53,6 +53,8 @@ def channels(names: Sequence[str]) -> list[int]:
 
 BAUD = 921_600
 """Of its line [bit/s]: the fastest that the common USB adapters of such boards keep."""
+BOOT_TIME = 2.0
+"""[s] Chosen: most such boards start anew when their port is opened, which takes them less than a second."""
 
 POWER = 0x01
 """Flag of an exchange: the servos get their pulses. POINT and ACKNOWLEDGE are as for servo boards."""

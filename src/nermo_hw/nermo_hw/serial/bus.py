@@ -21,6 +21,8 @@ class Bus(Protocol):
     """[bit/s]"""
     door: Address
     """Who answers first; where it is silent, somebody else is there, or nobody."""
+    boot_time: float
+    """How long it may be silent when its port has been opened, because that has restarted it [s]."""
     boards: tuple[Address, ...]
     """All that `door` may lead to, itself among them."""
     servo_boards: tuple[Address, ...]

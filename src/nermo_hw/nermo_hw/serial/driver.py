@@ -18,7 +18,15 @@ from nermo_hw.serial.calibration import Calibration
 from nermo_hw.serial.line import UNANSWERED, Line
 from nermo_hw.serial.pwm_board import PwmBoardBus
 from nermo_hw.serial.servo_boards import ServoBoardsBus
-from nermo_hw.types import DeviceIdentity, LineCounters, LineError, SensorSample, ServoTargets, SilentLineError
+from nermo_hw.types import (
+    AbsentBoardError,
+    DeviceIdentity,
+    LineCounters,
+    LineError,
+    SensorSample,
+    ServoTargets,
+    SilentLineError,
+)
 
 REPLY_TIMEOUT = 0.02
 """How long the device may take to answer [s]: far longer than it needs, and a tick that is late is no danger."""
@@ -88,6 +96,7 @@ class Driver:
 
         Raises LineError where the port cannot be opened, nobody answers, or a board is of another protocol.
         """
+        self._line.open(self._buses[0].baud)
         self._last_stamp = None
         try:
             self._bus = self._who_is_there()
@@ -192,16 +201,24 @@ class Driver:
     # Inside
 
     def _who_is_there(self) -> Bus:
-        """The bus whose door answers, with the line open at its speed; the last one asked for where none does."""
+        """The bus whose door answers, with the line at its speed. Raises SilentLineError where none does."""
         for bus in self._buses:
-            self._line.open(bus.baud)
+            self._line.set_speed(bus.baud)
+            if self._answers(bus):
+                return bus
+        raise SilentLineError(f"port {self.port_name}: nobody answered; is this a Nermo, and has it power?")
+
+    def _answers(self, bus: Bus) -> bool:
+        until = time.monotonic() + bus.boot_time
+        while True:
             try:
                 self.read(bus.door, "protocol_version")
+                return True
+            except AbsentBoardError:
+                return False
             except SilentLineError:
-                continue
-            return bus
-        self._line.open(self._buses[0].baud)
-        return self._buses[0]
+                if time.monotonic() >= until:
+                    return False
 
     def _set_up(self) -> None:
         for address in self._bus.servo_boards:

@@ -13,7 +13,7 @@ from nermo_hw.sbcp.packet import OVERHEAD, Instruction, Packet, Status, status_n
 from nermo_hw.sbcp.parser import Parser, Plausible
 from nermo_hw.serial.bus import Address
 from nermo_hw.serial.port import open_port
-from nermo_hw.types import LineCounters, LineError, LineLostError, SilentLineError
+from nermo_hw.types import AbsentBoardError, LineCounters, LineError, LineLostError, SilentLineError
 
 LARGEST_OVERTIME = 1.0
 """A line that never ends to babble is given up after this time [s]."""
@@ -49,6 +49,18 @@ class Line:
         self.counters = LineCounters()
         self._parser = Parser(self._plausible, prefer_later=True)
         self._port = open_port(self.name, self.timeout, baud)
+
+    def set_speed(self, baud: int) -> None:
+        """Goes on at another speed [bit/s]; what has come is forgotten. Raises LineLostError."""
+        if self._port is None:
+            raise LineLostError(f"port {self.name} is not open")
+        try:
+            self._port.baudrate = baud
+            self._port.reset_input_buffer()
+        except (OSError, ValueError) as error:
+            self.close()
+            raise LineLostError(f"port {self.name} does not do {baud} bit/s: {error}") from error
+        self._parser = Parser(self._plausible, prefer_later=True)
 
     def close(self) -> None:
         """Closes the port."""
@@ -137,4 +149,5 @@ class Line:
                     f"{Instruction(packet.code).name}: {status_name(answer.code)}"
                 )
             return answer
-        raise SilentLineError(f"port {self.name}: {board_name(packet.address)} does not answer")
+        kind = AbsentBoardError if spoken_for else SilentLineError
+        raise kind(f"port {self.name}: {board_name(packet.address)} does not answer")

@@ -27,6 +27,7 @@ class PwmBoardBus:
 
     name = "pwm_board"
     baud = pwm_board.BAUD
+    boot_time = pwm_board.BOOT_TIME
     door = body = ADDRESS
     boards: tuple[Address, ...] = (ADDRESS,)
     servo_boards: tuple[Address, ...] = (ADDRESS,)

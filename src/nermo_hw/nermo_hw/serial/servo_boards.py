@@ -31,6 +31,7 @@ class ServoBoardsBus:
 
     name = "servo_boards"
     baud = boards.BUS_BAUD
+    boot_time = 0.0
     door = BUS_CONTROLLER
     servo_boards: tuple[Address, ...] = tuple((int(DeviceClass.SERVO_BOARD), number) for number in SERVO_BOARDS)
     body = BODY_BOARD
