@@ -130,6 +130,7 @@ private:
         if (roll(2000) == 0) {
             board_ = Board(static_cast<uint16_t>(roll(65536)), 1, now_);
             ++report.restarts;
+            judge_pulses(0);
         }
         if (roll(200) == 0) board_.supply(static_cast<uint16_t>(roll(10) ? 6700 + roll(1700) : roll(65536)));
     }

@@ -171,7 +171,13 @@ void Board::accept(uint8_t flags, uint16_t way, const int16_t* targets) {
     if ((faults_ & fault::LATCHED) || !(flags & POWER)) return go_limp();
     powered_ = true;
     if (!(flags & POINT)) return;
-    if (!pointed_) pulses_ = now_;
+    if (!pointed_) {
+        pulses_ = now_;
+        // A servo that has missed no pulse is still where it was.
+        if (now_ - limp_ >= PULSE_PERIOD_US) {
+            for (SetPoint& servo : set_points_) servo.forget();
+        }
+    }
     pointed_ = moving_ = true;
     point_ = now_;
     for (int channel = 0; channel < CHANNELS; ++channel) {
@@ -196,8 +202,9 @@ void Board::latch(uint8_t fault) {
 }
 
 void Board::go_limp() {
+    if (pointed_) limp_ = now_;
     powered_ = pointed_ = moving_ = false;
-    for (SetPoint& servo : set_points_) servo.forget();
+    for (SetPoint& servo : set_points_) servo.stop();
 }
 
 void Board::answer(Status status, const uint8_t* payload, int size, Sink sink) const {

@@ -65,6 +65,7 @@ private:
     uint64_t accepted_ = 0; // the last exchange
     uint64_t point_ = 0;    // the last point
     uint64_t pulses_ = 0;   // the first pulse
+    uint64_t limp_ = 0;     // the last pulse
     uint64_t full_;         // when the battery was not empty last
     uint32_t wrong_crcs_ = 0;
     uint32_t stale_ = 0;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import struct
 import subprocess
 
@@ -68,6 +69,23 @@ def test_what_is_for_the_microcontroller_only_compiles_against_the_names_that_it
     assert run.returncode == 0, run.stderr
 
 
+def test_the_logic_needs_neither_heap_nor_exceptions_nor_hardware(tmp_path):
+    need_compiler()
+    if shutil.which("nm") is None:
+        pytest.skip("nm is not there, which comes with most compilers")
+    root = build.firmware_folder() / "lib" / "pwm_board"
+    made = tmp_path / "board.o"
+    subprocess.run([build.compiler(), *build.FLAGS, "-O2", "-c", str(root / "board.cpp"), "-o", str(made)], check=True)
+    listed = subprocess.run(["nm", "-u", str(made)], capture_output=True, text=True, check=True).stdout
+    assert {line.split()[-1] for line in listed.splitlines()} <= {
+        "memcpy",
+        "memmove",
+        "memset",
+        "__stack_chk_fail",
+        "_GLOBAL_OFFSET_TABLE_",
+    }
+
+
 def test_a_build_that_fails_and_a_machine_without_a_compiler_are_told_in_a_sentence(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CXX", raising=False)
@@ -129,6 +147,18 @@ def test_a_target_is_reached_in_its_time_at_a_constant_speed(host):
     way = pulse(goal)[0] - begin
     shares = [min((number + 1) / 10.0, 1.0) for number in range(12)]
     np.testing.assert_allclose(widths, [begin + share * way for share in shares], atol=1e-6)
+
+
+@pytest.mark.parametrize(("limp_ms", "jumps"), [(0, False), (19, False), (20, True)])
+def test_a_servo_that_has_missed_no_pulse_is_still_where_it_was(host, limp_ms, jumps):
+    host.drive(MIDDLE)
+    before = host.last.pulses[0]
+    goal = MIDDLE + 0.5
+    frames = host.frame(flags=0), host.frame(goal)
+    host.send(frames[0])
+    host.wait(limp_ms)
+    host.send(frames[1])
+    assert host.last.pulses[0] == pytest.approx(pulse(goal)[0] if jumps else before, abs=2.0 * PULSE)
 
 
 def test_no_servo_is_told_to_be_faster_than_it_turns(host):
