@@ -102,7 +102,7 @@ _WORDS = {
     ),
     "bench": (
         "nermo_sim.bench.cli:bench_app",
-        "Measure: tick, loop, graph, sensors, serial, link, faults, fuzz.",
+        "Measure: tick, loop, graph, sensors, serial, link, faults, firmware, fuzz.",
     ),
     "optimize": ("nermo_sim.optimize.cli:optimize_app", "Search for better parameters."),
     "calibrate": ("nermo_sim.calibrate.cli:calibrate_app", "Fit the physical numbers that the thesis does not print."),
@@ -115,6 +115,7 @@ _WORDS = {
 # Things whose bench lives in another package than the others'.
 _BENCHES = {
     **dict.fromkeys(("serial", "link", "faults"), "nermo_hw.cli:bench_app"),
+    "firmware": "nermo_hw.firmware.cli:bench_app",
     "fuzz": "nermo_bringup.fuzz.cli:bench_app",
 }
 

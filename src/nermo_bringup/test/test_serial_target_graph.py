@@ -37,8 +37,8 @@ class Mouse:
         self._link = str(link)
         self.driver = graph.start("nermo_hw.nodes.serial_driver", *graph.parameters(port=self._link))
 
-    def plug_in(self) -> None:
-        self._graph.start("nermo_bringup.nodes.twin_device", *self._graph.parameters(link=self._link))
+    def plug_in(self, **settings: str) -> None:
+        self._graph.start("nermo_bringup.nodes.twin_device", *self._graph.parameters(link=self._link, **settings))
 
     def start_controller(self) -> None:
         for name in CONTROL:
@@ -85,6 +85,22 @@ def test_the_twin_walks_through_driver_and_line_and_again_after_the_cable_was_pu
     assert all(math.isnan(torque) for torque in servos.torque)
     assert min(servos.current) >= 0.0 and max(servos.current) > 0.0
     assert int(mouse.line("exchanges")) > 0
+
+
+def test_the_twin_walks_on_the_board_of_nermo_lite_which_feels_nothing(graph, tmp_path):
+    felt: list[Imu] = []
+    graph.node.create_subscription(Imu, "imu/data_raw", felt.append, 10)
+    mouse = Mouse(graph, tmp_path / "device")
+    mouse.plug_in(bus="pwm_board")
+    mouse.start_controller()
+
+    def gone() -> bool:
+        mouse.walk()
+        return mouse.x > 0.03
+
+    graph.spin_until(gone, "the mouse has walked 3 cm", patience=90.0)
+    assert all(math.isnan(angle) for angle in mouse.servos[-1].position)
+    assert felt == []
 
 
 def test_the_driver_waits_for_its_device_and_is_then_as_the_twin_is(graph, tmp_path):

@@ -342,6 +342,8 @@ class RobotParameters(RobotDescription):
     """Everything that is known of one mouse."""
 
     family = "mouse"
+    bus: Literal["servo_boards", "pwm_board"] = "servo_boards"
+    """What its servos hang on: Nermo's boards, or the one of Nermo-Lite, which measures nothing but its supply."""
     material: Literal["PA12", "PETG"]
     """What the skeleton is printed from."""
     stiffness_scale: Positive = 1.0
@@ -382,6 +384,8 @@ class RobotParameters(RobotDescription):
             raise ValueError(f"servos: missing {', '.join(missing)}")
         if unknown := sorted(names - set(SERVOS)):
             raise ValueError(f"servos: unknown {', '.join(unknown)}; possible are {', '.join(SERVOS)}")
+        if self.bus == "pwm_board" and (more := sorted(names & set(OPTIONAL_SERVOS))):
+            raise ValueError(f"bus: a pwm_board has no channel for {', '.join(more)}; servo_boards have")
         if ("spine_vertical" in names) != (self.spine_dynamics.vertical is not None):
             raise ValueError("spine_dynamics.vertical and the servo spine_vertical go together")
         if (self.spine_dynamics.lumbar_tendon_offset is None) != (self.spine_dynamics.vertical is None):

@@ -58,6 +58,7 @@ def bench() -> None:
 @hw_app.command("emulate")
 def emulate(
     robot: Robot = "nermo_lite",
+    bus: Annotated[str, typer.Option(help="servo_boards or pwm_board; by default what the robot's file says.")] = "",
     link: Annotated[str, typer.Option(help="Where the pseudo-terminal shall be found; empty: none.")] = "",
     tcp_port: Annotated[int, typer.Option(help="Listen at this port for socket://; 0: any, -1: none.")] = -1,
     mounting: Annotated[str, typer.Option(help="Calibration file that says how the servos sit.")] = "",
@@ -67,7 +68,8 @@ def emulate(
 ) -> None:
     """Be the robot's electronics on a pseudo-terminal or a TCP port, until Ctrl-C.
 
-    The servos stand on a bench; `nermo up --target serial` puts the twin behind them.
+    Nermo's boards, or the firmware of Nermo-Lite's, built for this machine. The servos stand on a bench;
+    `nermo up --target serial` puts the twin behind them.
 
     \b
     nermo hw emulate --link /tmp/mouse
@@ -76,10 +78,18 @@ def emulate(
     from pydantic import ValidationError
 
     from nermo_hw.device.setup import EmulatorSettings, make_emulator
+    from nermo_hw.firmware.build import FirmwareError
 
     try:
         settings = EmulatorSettings(
-            robot=robot, link=link, tcp_port=tcp_port, mounting=mounting, store=store, clock_ppm=clock_ppm, seed=seed
+            robot=robot,
+            bus=bus,
+            link=link,
+            tcp_port=tcp_port,
+            mounting=mounting,
+            store=store,
+            clock_ppm=clock_ppm,
+            seed=seed,
         )
         emulator = make_emulator(settings)
     except ValidationError as error:
@@ -92,7 +102,10 @@ def emulate(
     places = [link] if link else []
     places += [f"socket://{settings.tcp_host}:{emulator.port}"] if tcp_port >= 0 else []
     print(f"an emulated {robot} is at {' and '.join(places)}", flush=True)
-    emulator.run()
+    try:
+        emulator.run()
+    except FirmwareError as error:
+        raise CommandError(f"{error}.") from error
 
 
 @hw_app.command("scan")
@@ -115,7 +128,7 @@ def scan(
     names = [*serial_ports(), *(port or [])]
     if not names:
         raise CommandError("this machine has no serial port; is the cable in? --port looks elsewhere.")
-    rows = scan_ports(names, _robot("nermo"), timeout)
+    rows = scan_ports(names, _robot("nermo_lite"), timeout)  # what it has, every bus can drive
     _console.print(scan_table(rows))
     if json is not None:
         write_results(json, "hw-scan", {"rows": rows})

@@ -87,6 +87,7 @@ def sample_facts(names: tuple[str, ...], sample: SensorSample, counters: LineCou
         "limp": sample.limp,
         "missing_boards": list(sample.missing),
         "silent_servos": list(sample.silent_servos),
+        "blind": sample.blind,
         "exchanges": counters.exchanges,
         "frames_lost": counters.lost,
         "frames_late": counters.late,
@@ -96,6 +97,8 @@ def sample_facts(names: tuple[str, ...], sample: SensorSample, counters: LineCou
 
 def monitor_view(facts: dict[str, Any], robot: RobotParameters) -> Group:
     """One sample as tables."""
+    if facts["blind"]:
+        return Group("This board has no sensors but that of its supply.", _body(facts))
     servos = Table("servo", "position [rad]", "range [rad]", "velocity [rad/s]", "current [A]", "")
     for name, servo in facts["servos"].items():
         limits = robot.servos[name]
@@ -114,6 +117,10 @@ def monitor_view(facts: dict[str, Any], robot: RobotParameters) -> Group:
     legs = Table("leg", "knee [rad]", *(f"{cell.removesuffix('_v')} [V]" for cell in cells))
     for leg, values in facts["legs"].items():
         legs.add_row(leg, f"{values['knee_rad']:.3f}", *(f"{values[cell]:+.3f}" for cell in cells))
+    return Group(servos, legs, _body(facts))
+
+
+def _body(facts: dict[str, Any]) -> Table:
     body = Table("roll, pitch, yaw [deg]", "battery", "faults", "missing", "lost, late, corrupt frames")
     body.add_row(
         f"{facts['roll_deg']:+.1f} {facts['pitch_deg']:+.1f} {facts['yaw_deg']:+.1f}",
@@ -122,7 +129,7 @@ def monitor_view(facts: dict[str, Any], robot: RobotParameters) -> Group:
         ", ".join(facts["missing_boards"]) or "none",
         f"{facts['frames_lost']}, {facts['frames_late']}, {facts['frames_corrupt']} of {facts['exchanges']} exchanges",
     )
-    return Group(servos, legs, body)
+    return body
 
 
 def roll_pitch_yaw(sample: SensorSample) -> tuple[float, float, float]:

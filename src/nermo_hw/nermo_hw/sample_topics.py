@@ -37,6 +37,12 @@ class SampleTopic:
     """Of the header, without a robot's prefix."""
     fixed: Callable[[RobotParameters], Fields] = lambda _: {}
     """Those that stay, where they are not zero or empty."""
+    blind: bool = False
+    """Whether a device without sensors says it too."""
+
+    def said_with(self, sample: SensorSample) -> bool:
+        """Whether the device that a sample is of has this to say."""
+        return self.blind or not sample.blind
 
 
 def _vector(values: Array) -> Fields:
@@ -87,12 +93,14 @@ SAMPLE_TOPICS: dict[str, SampleTopic] = {
         "sensor_msgs/msg/BatteryState",
         lambda sample: {"voltage": float(sample.battery_voltage), "current": -float(sample.battery_current)},
         fixed=_pack,
+        blind=True,
     ),
     # Last: who reads the servo states finds the rest on its way.
     "servo_states": SampleTopic(
         "nermo_interfaces/msg/ServoStates",
         _servo_states,
         fixed=lambda robot: {"name": list(robot.servos), "torque": np.full(len(robot.servos), math.nan)},
+        blind=True,
     ),
 }
 

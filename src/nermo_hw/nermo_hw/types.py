@@ -23,6 +23,10 @@ class SilentLineError(LineError):
     """Nobody answered this exchange; the next one may."""
 
 
+class AbsentBoardError(SilentLineError):
+    """A board did not answer, and the bus controller says so in its name: asking again does not help."""
+
+
 class Fault(IntFlag):
     """What a board has to say about itself. All but the voltage stay until they are acknowledged (`Driver.release`)."""
 
@@ -36,9 +40,11 @@ class Fault(IntFlag):
     """A servo drew too much for too long and was made limp."""
     SILENT_SERVO = 0x10
     """A servo does not answer its board."""
+    EMPTY_BATTERY = 0x20
+    """The supply was so low for so long that going on would ruin the battery; only the PWM board looks."""
 
 
-LATCHED = Fault.WATCHDOG | Fault.RESTARTED | Fault.OVER_CURRENT
+LATCHED = Fault.WATCHDOG | Fault.RESTARTED | Fault.OVER_CURRENT | Fault.EMPTY_BATTERY
 """Faults that keep servos limp until they are acknowledged."""
 
 
@@ -56,7 +62,7 @@ class ServoTargets:
 class SensorSample:
     """What one exchange brought back. What a silent board did not say is as it was last, see `missing`.
 
-    NaN is what a board that did answer could not measure.
+    NaN is what a board that did answer could not measure; of a blind device everything but faults and voltage.
     """
 
     stamp: int
@@ -91,6 +97,8 @@ class SensorSample:
     over_current_servos: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
     """Boards that did not answer this time, as in "servo board 3"."""
+    blind: bool = False
+    """Whether the device has no sensors but that of its supply, so that their silence is no fault."""
 
 
 @dataclass(slots=True)

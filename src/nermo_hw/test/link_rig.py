@@ -71,7 +71,7 @@ class Workstation:
 class Rig:
     """Device, robot's end and workstation. The device lives here, so that it outlives the robot's end."""
 
-    def __init__(self, folder: Path, *, workstation: bool = True) -> None:
+    def __init__(self, folder: Path, *, workstation: bool = True, bus: str = "servo_boards") -> None:
         self.folder = folder
         make_keys(folder / "keys", ["robot", "workstation"])
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -82,7 +82,9 @@ class Rig:
         settings["robot"]["endpoints"] = settings["workstation"]["endpoints"] = [endpoint]
         self.link = folder / "link.yaml"
         self.link.write_text(yaml.safe_dump(settings))
-        self.emulator: Emulator = make_emulator(EmulatorSettings(robot="nermo_lite", link=str(folder / "mouse")))
+        self.emulator: Emulator = make_emulator(
+            EmulatorSettings(robot="nermo_lite", bus=bus, link=str(folder / "mouse"))
+        )
         self._thread = threading.Thread(target=self.emulator.run)
         self._thread.start()
         self.log = folder / "states.jsonl"

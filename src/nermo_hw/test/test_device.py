@@ -12,9 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nermo_description.robots import load_robot
-from nermo_hw.device.device import Device, DeviceSettings
+from nermo_hw.device.device import DeviceSettings
 from nermo_hw.device.fault_injection import FaultError
 from nermo_hw.device.plant import ServoPlant
+from nermo_hw.device.servo_boards import ServoBoards
 from nermo_hw.sbcp import boards
 from nermo_hw.sbcp.packet import DeviceClass, Instruction, Packet, Status
 from nermo_hw.sbcp.parser import Parser
@@ -36,7 +37,7 @@ class Host:
     """Talks to a device in a time of its own."""
 
     def __init__(self, **settings: float) -> None:
-        self.device = Device(NERMO, ServoPlant(NERMO), DeviceSettings(**settings))
+        self.device = ServoBoards(NERMO, ServoPlant(NERMO), DeviceSettings(**settings))
         self.now = 0
         self.sequence = 0
 

@@ -6,14 +6,18 @@ import contextlib
 import re
 import subprocess
 import sys
+import threading
 
 import numpy as np
+import psutil
 import pytest
-from emulated import EmulatedDevice, until
+from emulated import PATIENCE, EmulatedDevice, until
+from pwm_host import need_compiler
 
 from nermo_description.robots import load_robot
 from nermo_hw.device.fault_injection import FaultError
-from nermo_hw.sbcp.boards import BODY_BOARD, SERVO_BOARDS
+from nermo_hw.device.setup import EmulatorSettings, make_emulator
+from nermo_hw.sbcp.boards import BODY_BOARD
 from nermo_hw.serial.calibration import Calibration, Mounting, save_calibration
 from nermo_hw.serial.driver import Driver
 from nermo_hw.serial.port import find_port, open_port
@@ -22,12 +26,23 @@ from nermo_hw.types import Fault, LineError, LineLostError, SensorSample, ServoT
 ROBOT = load_robot("nermo_lite")
 NEUTRAL = np.array([servo.neutral for servo in ROBOT.servos.values()])
 SERVO_BOARD_1 = (2, 1)
+BUSES = ["servo_boards", "pwm_board"]
+
+
+@pytest.fixture(scope="module", params=BUSES)
+def device(request, tmp_path_factory):
+    """One of each bus for all tests that leave it as it was."""
+    if request.param == "pwm_board":
+        need_compiler()
+    made = EmulatedDevice(tmp_path_factory.mktemp("device"), "--tcp-port", "0", "--bus", request.param)
+    yield made
+    made.kill()
 
 
 @pytest.fixture(scope="module")
-def device(tmp_path_factory):
-    """One for all tests that leave it as it was."""
-    made = EmulatedDevice(tmp_path_factory.mktemp("device"), "--tcp-port", "0")
+def boards(tmp_path_factory):
+    """One with sensors."""
+    made = EmulatedDevice(tmp_path_factory.mktemp("boards"), "--bus", "servo_boards")
     yield made
     made.kill()
 
@@ -35,10 +50,18 @@ def device(tmp_path_factory):
 def ready(port: object, **settings) -> Driver:
     driver = Driver(ROBOT, str(port), **settings)
     until(lambda: opened(driver), "the device answers")
-    for board in SERVO_BOARDS:  # a busy machine is no reason to go limp
-        driver.write((2, board), "watchdog", 10_000)
+    set_watchdogs(driver, 10_000)  # a busy machine is no reason to go limp
     driver.release()
     return driver
+
+
+def set_watchdogs(driver: Driver, milliseconds: int) -> None:
+    for address in driver.bus.servo_boards:
+        driver.write(address, "watchdog", milliseconds)
+
+
+def energised(device: EmulatedDevice) -> list[str]:
+    return device.control.do("state")["energised"]
 
 
 def opened(driver: Driver) -> bool:
@@ -64,30 +87,43 @@ def exchange(driver: Driver, targets: ServoTargets | None = None) -> SensorSampl
     return samples[-1]
 
 
-def test_who_is_there_and_servos_that_go_where_they_are_told(emulate):
-    device = emulate()
+@pytest.mark.parametrize(("bus", "count"), zip(BUSES, (6, 1), strict=True))
+def test_who_is_there_and_servos_that_go_where_they_are_told(emulate, bus, count):
+    if bus == "pwm_board":
+        need_compiler()
+    device = emulate("--bus", bus)
     with Driver(ROBOT, str(device.link)) as driver:
         identity = driver.identify()
-        assert (identity.robot, identity.protocol_version) == ("nermo_lite", "1.1")
-        assert len(identity.boards) == 6
+        assert (identity.robot, identity.protocol_version) == ("nermo_lite", "1.2")
+        assert (driver.bus.name, len(identity.boards)) == (bus, count)
         assert exchange(driver, ServoTargets(NEUTRAL)).faults == Fault.RESTARTED
-        for board in SERVO_BOARDS:
-            driver.write((2, board), "watchdog", 10_000)
+        set_watchdogs(driver, 10_000)
         driver.release()
         goal = NEUTRAL + 0.1
-        until(
-            lambda: np.abs(exchange(driver, ServoTargets(goal)).servo_positions - goal).max() < 5e-3,
-            "the servos have moved",
-        )
+
+        def arrived() -> bool:
+            exchange(driver, ServoTargets(goal))
+            there = device.control.do("state")["positions"]
+            return np.abs(np.array([there[name] for name in driver.names]) - goal).max() < 5e-3
+
+        until(arrived, "the servos have moved")
         sample = exchange(driver, ServoTargets(goal))
         assert sample.faults == 0 and not sample.limp and sample.missing == ()
         assert sample.elapsed > 0.0
-        np.testing.assert_allclose(sample.orientation, [1, 0, 0, 0], atol=1e-3)
         assert 6.0 < sample.battery_voltage < 8.5
         limp = exchange(driver, ServoTargets(goal, energised=False))
         assert limp.limp and limp.faults == 0
     assert device.end() == 0
     assert not device.link.is_symlink()
+
+
+def test_what_the_sensors_of_a_board_say_and_what_a_board_without_them_does_not(boards, emulate):
+    need_compiler()
+    sample = exchange(ready(boards.link))
+    np.testing.assert_allclose(sample.servo_positions, NEUTRAL, atol=0.2)
+    np.testing.assert_allclose(sample.orientation, [1, 0, 0, 0], atol=1e-3)
+    nothing = exchange(ready(emulate("--bus", "pwm_board").link))
+    assert np.isnan(nothing.servo_positions).all() and np.isnan(nothing.orientation).all()
 
 
 def test_over_tcp_as_a_wifi_microcontroller_does_it(device):
@@ -104,7 +140,7 @@ def test_a_calibration_makes_joint_angles_of_what_servos_report(emulate, tmp_pat
         knee_encoders={"rear_left": Mounting(zero=0.3, direction=-1)},
     )
     save_calibration(mounting, tmp_path / "mounting.yaml")
-    device = emulate("--mounting", str(tmp_path / "mounting.yaml"))
+    device = emulate("--bus", "servo_boards", "--mounting", str(tmp_path / "mounting.yaml"))
     sample = exchange(ready(device.link))
     assert sample.servo_positions[0] == pytest.approx(0.2 - NEUTRAL[0], abs=1e-3)
     calibrated = exchange(ready(device.link, calibration=mounting))
@@ -114,7 +150,7 @@ def test_a_calibration_makes_joint_angles_of_what_servos_report(emulate, tmp_pat
 
 def test_a_pulled_cable_is_told_and_the_servos_are_limp_when_it_is_back(device):
     driver = ready(device.link)
-    driver.write(SERVO_BOARD_1, "watchdog", 100)
+    set_watchdogs(driver, 100)
     exchange(driver, ServoTargets(NEUTRAL))
     device.control.do("unplug", seconds=0.5)
     with pytest.raises(LineLostError, match="is gone"):
@@ -143,15 +179,15 @@ while True:
     time.sleep(0.005)
 """
     driver = ready(device.link)
-    for board in SERVO_BOARDS:
-        driver.write((2, board), "watchdog", 500)
+    exchange(driver, ServoTargets(NEUTRAL))
+    set_watchdogs(driver, 500)
     driver.close()
-    until(lambda: device.control.do("state")["energised"] == [], "the servos are limp")
+    until(lambda: energised(device) == [], "the servos are limp")
     host = subprocess.Popen([sys.executable, "-c", code])
-    until(lambda: len(device.control.do("state")["energised"]) == len(ROBOT.servos), "the servos have power")
+    until(lambda: len(energised(device)) == len(ROBOT.servos), "the servos have power")
     host.kill()
     host.wait()
-    until(lambda: device.control.do("state")["energised"] == [], "the watchdog has made the servos limp")
+    until(lambda: energised(device) == [], "the watchdog has made the servos limp")
 
 
 def test_bad_frames_are_counted_and_survived(device):
@@ -192,19 +228,19 @@ def sample_or_none(driver: Driver) -> SensorSample | None:
         return None
 
 
-def test_a_silent_board_and_a_silent_servo_are_named(device):
-    driver = ready(device.link)
+def test_a_silent_board_and_a_silent_servo_are_named(boards):
+    driver = ready(boards.link)
     exchange(driver, ServoTargets(NEUTRAL))
-    device.control.do("silent_servos", names=["tail"])
+    boards.control.do("silent_servos", names=["tail"])
     assert exchange(driver, ServoTargets(NEUTRAL)).silent_servos == ("tail",)
-    device.control.do("silent_servos", names=[])
-    device.control.do("silent_boards", names=["servo board 2"])
+    boards.control.do("silent_servos", names=[])
+    boards.control.do("silent_boards", names=["servo board 2"])
     until(lambda: driver.exchange().missing == ("servo board 2",), "the silent board is named")
-    device.control.do("silent_boards", names=[])
+    boards.control.do("silent_boards", names=[])
     with pytest.raises(FaultError, match="front_left_toe"):
-        device.control.do("silent_servos", names=["front_left_toe"])
+        boards.control.do("silent_servos", names=["front_left_toe"])
     with pytest.raises(FaultError, match="unknown"):
-        device.control.do("explode")
+        boards.control.do("explode")
 
 
 def test_a_brown_out_makes_the_device_forget_and_release_sets_it_up_again(device):
@@ -212,15 +248,20 @@ def test_a_brown_out_makes_the_device_forget_and_release_sets_it_up_again(device
     exchange(driver, ServoTargets(NEUTRAL))
     device.control.do("brown_out")
     assert exchange(driver, ServoTargets(NEUTRAL)).faults == Fault.RESTARTED
-    assert driver.read(SERVO_BOARD_1, "point_period") == 5
+    assert energised(device) == []
+    if driver.bus.name == "servo_boards":
+        assert driver.read(SERVO_BOARD_1, "point_period") == 5
+    else:
+        assert driver.read(driver.bus.body, "watchdog") == 500
     driver.release()
     assert not exchange(driver, ServoTargets(NEUTRAL)).limp
-    assert driver.read(SERVO_BOARD_1, "point_period") == 10
+    if driver.bus.name == "servo_boards":
+        assert driver.read(SERVO_BOARD_1, "point_period") == 10
 
 
 def test_stored_registers_outlive_the_device(emulate, tmp_path):
     store = tmp_path / "registers.yaml"
-    device = emulate("--store", str(store))
+    device = emulate("--bus", "servo_boards", "--store", str(store))
     driver = ready(device.link)
     driver.write(SERVO_BOARD_1, "current_limit", 1234)
     until(lambda: store.exists() and "1234" in store.read_text(), "the register is on the disk")
@@ -229,8 +270,8 @@ def test_stored_registers_outlive_the_device(emulate, tmp_path):
     assert ready(device.link).read(SERVO_BOARD_1, "current_limit") == 1234
 
 
-def test_registers_are_checked_on_both_sides(device):
-    driver = ready(device.link)
+def test_registers_are_checked_on_both_sides(boards):
+    driver = ready(boards.link)
     with pytest.raises(ValueError, match="watchdog = 5: must be 20 to 10000 ms"):
         driver.write(SERVO_BOARD_1, "watchdog", 5)
     with pytest.raises(LineError, match="servo board 1 refused SET: read only"):
@@ -264,7 +305,7 @@ def test_ports_that_cannot_be_opened_are_told_in_a_sentence(port, text):
 
 def test_a_port_that_is_not_there_is_said_in_plain_words(tmp_path) -> None:
     with pytest.raises(LineError, match=r"^port \S+/none is not there \(yet\)$"):
-        open_port(str(tmp_path / "none"), 0.1)
+        open_port(str(tmp_path / "none"), 0.1, 115_200)
 
 
 def test_a_plain_port_is_taken_as_it_is():
@@ -277,3 +318,65 @@ def test_none_of_it_needs_ros_or_mujoco():
         "sys.exit(' '.join({'rclpy', 'mujoco', 'nermo_interfaces', 'scipy'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stderr.strip() == ""
+
+
+def test_a_mouse_that_says_other_ranges_is_held_to_those_of_the_firmware(emulate, tmp_path):
+    need_compiler()
+    file = tmp_path / "mouse.yaml"
+    file.write_text("name: my_mouse\nbase: nermo_lite\nservos: {tail: {lower: -1.0, upper: 1.5}}\n")
+    robot = load_robot(file)
+    tail = list(robot.servos).index("tail")
+    device = emulate("--robot", str(file))
+    driver = ready(device.link)
+
+    def tail_is_at(angle: float) -> bool:
+        exchange(driver, ServoTargets(np.where(np.arange(len(NEUTRAL)) == tail, target, NEUTRAL)))
+        return abs(device.control.do("state")["positions"]["tail"] - angle) < 5e-3
+
+    target = 0.7
+    until(lambda: tail_is_at(0.7), "the tail is where it was told to be")
+    target = 1.5
+    until(lambda: tail_is_at(ROBOT.servos["tail"].upper), "the tail is held")
+
+
+def test_a_board_that_starts_anew_when_its_port_is_opened_is_waited_for(tmp_path):
+    need_compiler()
+    settings = EmulatorSettings(bus="pwm_board", boot_time=1.0, link=str(tmp_path / "device"))
+    emulator = make_emulator(settings)
+    emulator.device.brown_out()
+    thread = threading.Thread(target=emulator.run)
+    thread.start()
+    try:
+        with Driver(ROBOT, settings.link) as driver:
+            assert driver.bus.name == "pwm_board"
+    finally:
+        emulator.stop()
+        thread.join()
+
+
+def test_an_emulator_whose_firmware_has_ended_says_so(emulate):
+    need_compiler()
+    device = emulate("--bus", "pwm_board")
+    (firmware,) = psutil.Process(device.process.pid).children()
+    firmware.kill()
+    said, _ = device.process.communicate(timeout=PATIENCE)
+    assert device.process.returncode == 1
+    assert "the firmware has ended" in said and "Traceback" not in said
+
+
+def test_a_servo_of_nermo_lite_that_sits_the_other_way_round_goes_where_it_is_told(emulate, tmp_path):
+    need_compiler()
+    hip = ROBOT.servos["front_right_hip"]
+    mirrored = {"front_right_hip": Mounting(direction=-1, zero=round(hip.lower + hip.upper + 0.02, 4))}
+    calibration = Calibration(robot="nermo_lite", servos=mirrored)
+    save_calibration(calibration, tmp_path / "mounting.yaml")
+    device = emulate("--mounting", str(tmp_path / "mounting.yaml"))
+    driver = ready(device.link, calibration=calibration)
+    goal = NEUTRAL - 0.2
+
+    def arrived() -> bool:
+        exchange(driver, ServoTargets(goal))
+        return abs(device.control.do("state")["positions"]["front_right_hip"] - goal[2]) < 5e-3
+
+    assert driver.names[2] == "front_right_hip"
+    until(arrived, "the servo has moved")

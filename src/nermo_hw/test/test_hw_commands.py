@@ -7,12 +7,14 @@ import threading
 
 import pytest
 from emulated import until
+from pwm_host import need_compiler
 
 from nermo_description.parameter_files import ParameterError
 from nermo_description.results import CommandError
 from nermo_description.robots import load_robot
 from nermo_hw import monitor
 from nermo_hw.cli import hw_app
+from nermo_hw.device.fault_injection import FaultError
 from nermo_hw.serial.calibrate import CalibrationError, Calibrator, calibrate
 from nermo_hw.serial.calibration import Calibration, Mounting, load_calibration, save_calibration
 from nermo_hw.serial.driver import Driver
@@ -59,7 +61,7 @@ def test_a_calibration_finds_how_the_servos_are_mounted(emulate, tmp_path):
     file = tmp_path / "mounting.yaml"
     save_calibration(MOUNTING, file)
     assert load_calibration(file, ROBOT) == MOUNTING
-    device = emulate("--mounting", str(file))
+    device = emulate("--bus", "servo_boards", "--mounting", str(file))
     with Driver(ROBOT, str(device.link), reply_timeout=0.1) as driver:
         hands = Hands(device, driver)
         found = calibrate(driver, "sit", None, hands.tell, directions=True, knees=False, timeout=60.0)
@@ -78,7 +80,7 @@ def monitor_rest(leg: str) -> float:
 
 
 def test_hands_that_move_the_wrong_servo_are_told_so(emulate):
-    device = emulate()
+    device = emulate("--bus", "servo_boards")
     with Driver(ROBOT, str(device.link), reply_timeout=0.1) as driver:
         hands = Hands(device, driver, wrong="tail")
         with pytest.raises(CalibrationError, match="tail was moved while front_left_hip was asked for"):
@@ -88,7 +90,7 @@ def test_hands_that_move_the_wrong_servo_are_told_so(emulate):
 
 
 def test_a_sensor_without_a_reading_is_not_calibrated(emulate):
-    device = emulate()
+    device = emulate("--bus", "servo_boards")
     with Driver(ROBOT, str(device.link), reply_timeout=0.1) as driver:
         device.control.do("unreadable", names=["tail"])
         with pytest.raises(CalibrationError, match="^tail has no reading"):
@@ -97,13 +99,13 @@ def test_a_sensor_without_a_reading_is_not_calibrated(emulate):
 
 def test_scan_monitor_and_calibrate_from_the_command_line(emulate, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(monitor, "serial_ports", lambda: [str(tmp_path / "empty_port")])
-    device = emulate()
+    device = emulate("--bus", "servo_boards")
     link, scanned, seen, out = str(device.link), tmp_path / "scan.json", tmp_path / "now.json", tmp_path / "mouse.yaml"
 
     assert run("scan", "--port", link, "--timeout", "0.5", "--json", str(scanned)) == 0
     nobody, somebody = json.loads(scanned.read_text())["rows"]
     assert "empty_port" in nobody["error"]
-    assert (somebody["robot"], somebody["protocol"], somebody["error"]) == ("nermo_lite", "1.1", None)
+    assert (somebody["robot"], somebody["protocol"], somebody["error"]) == ("nermo_lite", "1.2", None)
 
     assert run("monitor", "--port", link, "--once", "--json", str(seen)) == 0
     facts = json.loads(seen.read_text())
@@ -113,6 +115,31 @@ def test_scan_monitor_and_calibrate_from_the_command_line(emulate, tmp_path, cap
 
     assert run("calibrate", "--port", link, "--out", str(out)) == 0
     assert load_calibration(out, ROBOT).servos["tail"] == Mounting()
+
+
+def test_a_board_without_sensors_is_seen_and_is_not_calibrated(emulate, tmp_path, capsys, monkeypatch):
+    need_compiler()
+    monkeypatch.setattr(monitor, "serial_ports", lambda: [])
+    device = emulate()  # of a nermo_lite: its own board
+    link, seen = str(device.link), tmp_path / "now.json"
+    assert run("scan", "--port", link) == 0
+    assert run("monitor", "--port", link, "--once", "--json", str(seen)) == 0
+    facts = json.loads(seen.read_text())
+    assert facts["blind"] and facts["limp"] and facts["faults"] == ["RESTARTED"]
+    assert 6.0 < facts["battery_v"] < 8.5
+    assert "no sensors" in capsys.readouterr().out
+    with pytest.raises(CommandError, match="reads no angles.*nothing was written"):
+        hw_app(
+            args=["calibrate", "--port", link, "--out", str(tmp_path / "mouse.yaml")],
+            prog_name="nermo hw",
+            standalone_mode=False,
+        )
+    for words, text in (
+        (["silent_servos", {"names": ["tail"]}], "a PWM board has nothing that could be so"),
+        (["charge", {"value": 2.0}], "within 0 and 1"),
+    ):
+        with pytest.raises(FaultError, match=text):
+            device.control.do(words[0], **words[1])
 
 
 def test_what_cannot_be_done_is_said_in_a_sentence(tmp_path, monkeypatch):
@@ -127,6 +154,9 @@ def test_what_cannot_be_done_is_said_in_a_sentence(tmp_path, monkeypatch):
         (["calibrate", "--port", "x", "--out", out, "--posture", "headstand"], "headstand", 2),
         (["emulate"], "link, or tcp_port", 2),
         (["emulate", "--tcp-port", "70000"], "tcp_port", 2),
+        (["emulate", "--tcp-port", "0", "--bus", "can"], "bus", 2),
+        (["emulate", "--tcp-port", "0", "--robot", "nermo", "--bus", "pwm_board"], "no channel for spine_vertical", 2),
+        (["emulate", "--tcp-port", "0", "--store", "x.yaml"], "no non-volatile registers", 2),
     ):
         with pytest.raises(CommandError, match=text) as error:
             hw_app(args=words, prog_name="nermo hw", standalone_mode=False)

@@ -13,6 +13,7 @@ import pytest
 import yaml
 from emulated import until
 from link_rig import PATIENCE_S, WITHOUT_ROS, Rig, Workstation
+from pwm_host import need_compiler
 
 from nermo_hw.link.config import DEFAULT
 
@@ -34,6 +35,18 @@ def test_it_is_limp_until_released_and_then_follows_the_commands(rig: Rig) -> No
     rig.release()
     rig.workstation.tail = 0.5
     until(lambda: abs(rig.tail() - 0.5) < 0.01, "the tail is there")
+
+
+def test_a_board_without_sensors_is_released_and_follows_too(tmp_path: Path) -> None:
+    need_compiler()
+    rig = Rig(tmp_path, bus="pwm_board")
+    try:
+        until(lambda: rig.workstation.states > 10, "sensor data comes")
+        rig.release()
+        rig.workstation.tail = 0.5
+        until(lambda: abs(rig.tail() - 0.5) < 0.01, "the tail is there")
+    finally:
+        rig.close()
 
 
 def test_a_stop_lasts_until_nobody_says_stop_and_somebody_releases(rig: Rig) -> None:

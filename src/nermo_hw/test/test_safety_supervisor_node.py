@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from pwm_host import need_compiler
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import BatteryState, Imu
@@ -52,13 +53,16 @@ def start(node: str, *arguments: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen([sys.executable, "-c", code, "--ros-args", *arguments])
 
 
-def test_release_stop_and_silence_reach_the_servos(bench: Node, tmp_path: Path) -> None:
-    emulator = make_emulator(EmulatorSettings(link=str(tmp_path / "device")))
+@pytest.mark.parametrize("bus", ["servo_boards", "pwm_board"])
+def test_release_stop_and_silence_reach_the_servos(bench: Node, tmp_path: Path, bus: str) -> None:
+    if bus == "pwm_board":
+        need_compiler()
+    emulator = make_emulator(EmulatorSettings(bus=bus, link=str(tmp_path / "device")))
     thread = threading.Thread(target=emulator.run)
     thread.start()
     processes = [
         start("serial_driver", "-p", f"port:={tmp_path / 'device'}", "-r", "servo_command:=safe_servo_command"),
-        start("safety_supervisor"),
+        start("safety_supervisor", "-p", f"bus:={bus}"),
     ]
     walking = [True]
     status: dict[str, str] = {}
@@ -116,7 +120,7 @@ def test_release_stop_and_silence_reach_the_servos(bench: Node, tmp_path: Path) 
 
 
 def test_a_sensor_that_says_what_cannot_be_is_refused_in_words_and_has_no_reading(bench: Node) -> None:
-    process = start("safety_supervisor")
+    process = start("safety_supervisor", "-p", "bus:=servo_boards")
     status: dict[str, str] = {}
     servos = list(ROBOT.servos)
     well = ServoStates(name=servos, position=[s.neutral for s in ROBOT.servos.values()])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
@@ -43,6 +45,11 @@ def test_a_message_over_the_link_is_the_one_at_the_cable(name: str) -> None:
     fill(published, topic.fixed(ROBOT), list)
     fill(published, topic.fields(SAMPLE), list)
     assert str(crossed) == str(published)  # NaN is not equal to itself
+
+
+def test_a_device_without_sensors_says_nothing_of_those_that_it_has_not() -> None:
+    blind = replace(SAMPLE, blind=True)
+    assert list(dict(SensorMessages(ROBOT).of(blind))) == ["battery", "servo_states"]
 
 
 def test_what_is_not_due_is_not_made() -> None:

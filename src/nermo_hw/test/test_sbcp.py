@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nermo_hw.sbcp import boards, data_sheet
+from nermo_hw.sbcp import boards, data_sheet, pwm_board, register_tables
 from nermo_hw.sbcp.packet import HEADER, MAX_PAYLOAD, OVERHEAD, DeviceClass, Packet, Status, checksum, status_name
 from nermo_hw.sbcp.parser import Parser
 from nermo_hw.sbcp.registers import Kind, RegisterError, RegisterTable
@@ -166,14 +166,14 @@ def test_a_body_board_without_readings_says_so():
 
 
 def test_registers_are_read_written_and_outlive_a_restart_where_they_are_stored():
-    table = RegisterTable(boards.SERVO_BOARD_REGISTERS)
+    table = RegisterTable(register_tables.SERVO_BOARD_REGISTERS)
     watchdog, period = 0x12, 0x10
     table.set(watchdog, struct.pack("<H", 250))
     table.set(period, struct.pack("<H", 2))
     assert table.get(watchdog) == struct.pack("<H", 250)
     table.restart()
     assert (table["watchdog"], table["point_period"]) == (250, 5)
-    assert RegisterTable(boards.SERVO_BOARD_REGISTERS, table.stored)["watchdog"] == 250
+    assert RegisterTable(register_tables.SERVO_BOARD_REGISTERS, table.stored)["watchdog"] == 250
 
 
 @pytest.mark.parametrize(
@@ -187,7 +187,7 @@ def test_registers_are_read_written_and_outlive_a_restart_where_they_are_stored(
     ],
 )
 def test_a_bad_write_is_refused_by_name_and_changes_nothing(address, data, status):
-    table = RegisterTable(boards.SERVO_BOARD_REGISTERS)
+    table = RegisterTable(register_tables.SERVO_BOARD_REGISTERS)
     with pytest.raises(RegisterError) as refused:
         table.set(address, data)
     assert refused.value.status == status
@@ -195,7 +195,7 @@ def test_a_bad_write_is_refused_by_name_and_changes_nothing(address, data, statu
 
 
 def test_a_text_register_holds_printable_ascii_only():
-    table = RegisterTable(boards.BODY_BOARD_REGISTERS)
+    table = RegisterTable(register_tables.BODY_BOARD_REGISTERS)
     table.set(0x10, b"nermo_lite".ljust(Kind.TEXT.size, b"\0"))
     assert table["robot"] == "nermo_lite"
     with pytest.raises(RegisterError, match="robot"):
@@ -203,11 +203,11 @@ def test_a_text_register_holds_printable_ascii_only():
 
 
 def test_tables_have_no_address_or_name_twice_and_answers_fit_a_packet():
-    for registers in boards.REGISTERS.values():
+    for registers in register_tables.REGISTERS.values():
         assert len({r.address for r in registers}) == len({r.name for r in registers}) == len(registers)
         for register in registers:
             register.check(register.default)
-    assert max(boards.SERVO_ANSWER_SIZE, boards.BODY_ANSWER_SIZE) <= MAX_PAYLOAD
+    assert max(boards.SERVO_ANSWER_SIZE, boards.BODY_ANSWER_SIZE, pwm_board.ANSWER_SIZE) <= MAX_PAYLOAD
 
 
 def test_equation_5_1_with_the_numbers_of_the_thesis():
@@ -226,3 +226,5 @@ def test_the_data_sheet_says_what_the_code_does():
     assert f"request ({boards.SERVO_REQUEST_SIZE} bytes)" in page
     assert f"answer ({boards.SERVO_ANSWER_SIZE} bytes)" in page
     assert f"answer ({boards.BODY_ANSWER_SIZE} bytes)" in page
+    assert f"request ({pwm_board.REQUEST_SIZE} bytes)" in page
+    assert f"answer ({pwm_board.ANSWER_SIZE} bytes)" in page

@@ -340,3 +340,31 @@ def test_the_supervisor_knows_that_a_line_is_lost_before_the_boards_give_up() ->
     rule = RULE_OF[Cause.LINE_LOST]
     assert rule.after < WATCHDOG.after
     assert f"{rule.after:g} s" in WATCHDOG.why
+
+
+BLIND = {
+    name: np.full_like(getattr(SAMPLE, name), math.nan)
+    for name in (
+        "servo_positions",
+        "servo_velocities",
+        "servo_currents",
+        "orientation",
+        "angular_velocity",
+        "linear_acceleration",
+    )
+}
+
+
+def test_a_device_without_sensors_is_followed_and_its_battery_still_counts():
+    walk = Walk()
+    walk.servos_follow = walk.noise = False
+    walk.sample = replace(SAMPLE, **BLIND, battery_current=math.nan, blind=True)
+    walk.released()
+    walk.target = NEUTRAL + 0.3
+    output = walk.run(2.0)
+    assert output.state is State.FOLLOW
+    np.testing.assert_allclose(output.targets.positions, walk.target, atol=1e-9)
+    walk.sample = replace(walk.sample, battery_voltage=6.3)
+    assert Cause.LOW_BATTERY in walk.run(1.5).causes
+    walk.sample = replace(walk.sample, battery_voltage=7.5, blind=False)
+    assert {Cause.IMU_INVALID, Cause.SERVO_INVALID} <= set(walk.run(0.5).causes)

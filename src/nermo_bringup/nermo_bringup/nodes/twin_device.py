@@ -6,6 +6,7 @@ The truth is for tests and recordings: nothing in the graph of a real robot has 
 from __future__ import annotations
 
 import sys
+from typing import Literal
 
 from nav_msgs.msg import Odometry
 from pydantic import Field
@@ -22,6 +23,9 @@ from nermo_sim.twin import BaseState
 class TwinDeviceSettings(EmulatorSettings):
     """Parameters of the node."""
 
+    bus: Literal["", "servo_boards", "pwm_board"] = Field(
+        "servo_boards", description="As of an emulator; the twin has sensors to show, also where its robot has none"
+    )
     scene: str = Field("flat", description="Where it is: a name, as hung, or an MJCF file")
 
 

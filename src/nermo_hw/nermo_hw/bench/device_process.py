@@ -15,9 +15,9 @@ import numpy as np
 
 from nermo_description.battery_model import BatteryModel
 from nermo_description.robots import load_robot
-from nermo_hw.device.device import Device
 from nermo_hw.device.emulator import Emulator, control_path
 from nermo_hw.device.plant import PlantSensors, ServoPlant
+from nermo_hw.device.servo_boards import ServoBoards
 
 GRAVITY = 9.81
 """[m/s^2]"""
@@ -59,6 +59,7 @@ class BenchEmulator(Emulator):
         plant.upside_down = on
 
     def _no_orientation(self, on: bool) -> None:
+        assert isinstance(self.device, ServoBoards)
         self.device.body.no_orientation = on
 
     _words = {  # noqa: RUF012
@@ -74,7 +75,7 @@ def main() -> int:
     """Runs until it is killed."""
     link, robot = Path(sys.argv[1]), load_robot(sys.argv[2])
     plant: Any = BenchPlant(robot)
-    device = Device(robot, plant, now=time.monotonic_ns())
+    device = ServoBoards(robot, plant, now=time.monotonic_ns())
     device.trace = True
     BenchEmulator(device, link, control=control_path(link)).run()
     return 0

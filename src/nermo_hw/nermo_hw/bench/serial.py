@@ -24,7 +24,8 @@ from nermo_description.robots import load_robot
 from nermo_hw.device.interpolation import TrajectoryInterpolator
 from nermo_hw.sbcp import boards
 from nermo_hw.sbcp.boards import BITS_PER_BYTE, BUS_BAUD, REPLY_DELAY, SERVO_BOARDS, minimum_baud
-from nermo_hw.sbcp.packet import OVERHEAD, DeviceClass
+from nermo_hw.sbcp.packet import OVERHEAD
+from nermo_hw.sbcp.registers import Value
 from nermo_hw.serial.driver import Driver
 from nermo_hw.serial.schedule import FixedStepSchedule
 from nermo_hw.types import LineError, ServoTargets, SilentLineError
@@ -33,6 +34,8 @@ RATE = 500.0
 """[Hz]: the fastest that leaves an interpolation period two loops (C 5.3.3)."""
 JITTER = 8e-5
 """Scale of the half-normal lateness of the host's cycles [s]: 99 % are less than 0.21 ms late, as on an idle Linux."""
+FLAWS = ("missed_points", "filled_buffer_steps")
+"""Registers of servo boards that say how well points came."""
 PATIENCE = 30.0
 """For the emulator to come up [s]."""
 
@@ -115,20 +118,28 @@ def _run(interpolator: TrajectoryInterpolator[float], loops: list[int], period: 
     return hiccups
 
 
-def exchange_in_real_time(robot_name: str, duration: float, progress: Progress | None = None) -> dict[str, Any]:
-    """Exchanges at 500 Hz with an emulator, a process of its own, on a pseudo-terminal.
+def exchange_in_real_time(
+    robot_name: str,
+    duration: float,
+    progress: Progress | None = None,
+    *,
+    bus: str = "servo_boards",
+    rate: float = RATE,
+) -> dict[str, Any]:
+    """Exchanges at a rate [Hz] with an emulator, a process of its own, on a pseudo-terminal.
 
-    Raises CommandError where the emulator does not come up.
+    bus: what the emulated robot has. Raises CommandError where the emulator does not come up.
     """
     robot = load_robot(robot_name)
     neutral = np.array([servo.neutral for servo in robot.servos.values()])
     with tempfile.TemporaryDirectory(prefix="nermo_bench_") as folder:
         link = Path(folder) / "device"
-        command = [sys.executable, "-m", "nermo_hw", "emulate", "--robot", robot_name, "--link", str(link)]
+        command = [sys.executable, "-m", "nermo_hw", "emulate", "--robot", robot_name, "--bus", bus]
+        command += ["--link", str(link)]
         emulator = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         try:
-            driver = _opened(Driver(robot, str(link), point_period=1.0 / RATE), emulator)
-            return _measure(driver, psutil.Process(emulator.pid), neutral, duration, progress)
+            driver = _opened(Driver(robot, str(link), point_period=1.0 / rate), emulator)
+            return _measure(driver, psutil.Process(emulator.pid), neutral, duration, rate, progress)
         finally:
             emulator.terminate()
             with contextlib.suppress(subprocess.TimeoutExpired):
@@ -152,10 +163,15 @@ def _opened(driver: Driver, emulator: subprocess.Popen[str]) -> Driver:
 
 
 def _measure(
-    driver: Driver, emulator: psutil.Process, neutral: np.ndarray, duration: float, progress: Progress | None
+    driver: Driver,
+    emulator: psutil.Process,
+    neutral: np.ndarray,
+    duration: float,
+    rate: float,
+    progress: Progress | None,
 ) -> dict[str, Any]:
     driver.release()
-    schedule = FixedStepSchedule(1.0 / RATE)
+    schedule = FixedStepSchedule(1.0 / rate)
     trips: list[float] = []
     silent = 0
     emulator.cpu_percent()
@@ -176,7 +192,6 @@ def _measure(
     cpu = {"driver": own.cpu_percent(), "emulator": emulator.cpu_percent()}
     if not trips:
         raise CommandError("no exchange was answered: the machine is too busy to measure anything")
-    addresses = [(int(DeviceClass.SERVO_BOARD), number) for number in SERVO_BOARDS]
     p50, p99, largest = (np.percentile(trips, [50.0, 99.0, 100.0]) * 1e3).tolist()
     counters, jitter = driver.counters, schedule.jitter()
     result = {
@@ -191,12 +206,15 @@ def _measure(
         "frames_lost": counters.lost,
         "frames_late": counters.late,
         "frames_corrupt": counters.corrupt,
-        "missed_points": [driver.read(address, "missed_points") for address in addresses],
-        "filled_buffer_steps": [driver.read(address, "filled_buffer_steps") for address in addresses],
+        **({name: _of_boards(driver, name) for name in FLAWS} if driver.bus.name == "servo_boards" else {}),
         "cpu_percent": cpu,
     }
     driver.close()
     return result
+
+
+def _of_boards(driver: Driver, register: str) -> list[Value]:
+    return [driver.read(address, register) for address in driver.bus.servo_boards]
 
 
 def line_facts() -> dict[str, Any]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from nermo_hw.device.interpolation import TrajectoryInterpolator
 from nermo_hw.device.plant import PlantSensors
-from nermo_hw.sbcp import boards
+from nermo_hw.sbcp import boards, register_tables
 from nermo_hw.sbcp.boards import CHANNELS, LOOP_PERIOD_NS
 from nermo_hw.sbcp.packet import Instruction, Packet, Status
 from nermo_hw.sbcp.registers import RegisterError, RegisterTable, Value
@@ -46,7 +46,7 @@ class Board:
     def __init__(self, address: tuple[int, int], serial_number: int, ppm: float, stored: Mapping[str, Value]) -> None:
         self.device_class = address[0]
         self.clock = BoardClock(ppm)
-        self.registers = RegisterTable(boards.REGISTERS[address[0]], {"device_id": address[1], **stored})
+        self.registers = RegisterTable(register_tables.REGISTERS[address[0]], {"device_id": address[1], **stored})
         self._serial_number = serial_number
         self.faults = Fault.RESTARTED
         self._deaf_until = 0

@@ -90,6 +90,7 @@ class Emulator:
 
     def close(self) -> None:
         """Gives everything back."""
+        self.device.close()
         self._unplug()
         if self._control is not None and self._control_path is not None:
             self._control_path.unlink(missing_ok=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field
 
@@ -14,8 +15,12 @@ from nermo_description.robots import load_robot
 from nermo_hw.device.device import Device, DeviceSettings
 from nermo_hw.device.emulator import Emulator, control_path
 from nermo_hw.device.plant import Plant, ServoPlant
+from nermo_hw.device.pwm_board import PwmBoard
+from nermo_hw.device.servo_boards import ServoBoards
+from nermo_hw.firmware.build import FirmwareError
 from nermo_hw.sbcp.registers import RegisterError
-from nermo_hw.serial.calibration import load_calibration
+from nermo_hw.serial.calibration import Calibration, load_calibration
+from nermo_hw.types import LineError
 
 PlantFactory = Callable[[RobotParameters], Plant]
 
@@ -24,6 +29,9 @@ class EmulatorSettings(DeviceSettings):
     """Everything that can be chosen; a place is needed: `link`, `tcp_port` or both."""
 
     robot: str = Field("nermo_lite", description="Name of the robot, or path of its parameter file")
+    bus: Literal["", "servo_boards", "pwm_board"] = Field(
+        "", description="What its servos hang on: servo_boards or pwm_board; empty: what the robot's file says"
+    )
     link: str = Field("", description="Path of the symbolic link to the pseudo-terminal; empty: none")
     tcp_host: str = Field("127.0.0.1", description="Address to listen at for pyserial's socket://")
     tcp_port: int = Field(-1, ge=-1, le=65535, description="Port to listen at; 0: any that is free, -1: none")
@@ -38,19 +46,7 @@ def make_emulator(settings: EmulatorSettings, plant: PlantFactory = ServoPlant) 
         raise ValueError("where shall the host find the device? Give link, or tcp_port")
     robot = load_robot(settings.robot)
     mounting = load_calibration(Path(settings.mounting), robot) if settings.mounting else None
-    stored = read_yaml(Path(settings.store)) if settings.store and Path(settings.store).exists() else {}
-    try:
-        device = Device(
-            robot,
-            plant(robot),
-            DeviceSettings(**settings.model_dump(include=set(DeviceSettings.model_fields))),
-            mounting=mounting,
-            stored=stored or {},
-            seed=settings.seed,
-            now=time.monotonic_ns(),
-        )
-    except (RegisterError, AttributeError, TypeError) as error:
-        raise ParameterError(f"{settings.store}: is not a store of registers: {error}") from error
+    device = _make_device(settings, robot, plant(robot), mounting)
     link = Path(settings.link) if settings.link else None
     return Emulator(
         device,
@@ -59,3 +55,22 @@ def make_emulator(settings: EmulatorSettings, plant: PlantFactory = ServoPlant) 
         control_path(link) if link else None,
         Path(settings.store) if settings.store else None,
     )
+
+
+def _make_device(
+    settings: EmulatorSettings, robot: RobotParameters, plant: Plant, mounting: Calibration | None
+) -> Device:
+    own = DeviceSettings(**settings.model_dump(include=set(DeviceSettings.model_fields)))
+    now = time.monotonic_ns()
+    if (settings.bus or robot.bus) == "pwm_board":
+        if settings.store:
+            raise ValueError("store: a PWM board has no non-volatile registers")
+        try:
+            return PwmBoard(robot, plant, own, mounting=mounting, seed=settings.seed, now=now)
+        except FirmwareError as error:
+            raise LineError(str(error)) from error
+    stored = read_yaml(Path(settings.store)) if settings.store and Path(settings.store).exists() else {}
+    try:
+        return ServoBoards(robot, plant, own, mounting=mounting, stored=stored or {}, seed=settings.seed, now=now)
+    except (RegisterError, AttributeError, TypeError) as error:
+        raise ParameterError(f"{settings.store}: is not a store of registers: {error}") from error

@@ -77,7 +77,7 @@ class SensorMessages:
     def of(self, sample: SensorSample, due: Callable[[str], bool] = lambda _: True) -> Iterator[tuple[str, bytes]]:
         """Topic and CDR of each message that is due, in the order of SAMPLE_TOPICS."""
         for name, topic in SAMPLE_TOPICS.items():
-            if due(name):
+            if topic.said_with(sample) and due(name):
                 message = self._messages[name]
                 message.header = _header(sample.stamp, topic.frame)
                 fill(message, topic.fields(sample))

@@ -57,8 +57,7 @@ class DeviceEmulatorNode(Node):
         device = self._emulator.device
         values = {
             "voltage_v": f"{device.battery.voltage:.2f}",
-            "missed_points": [board.interpolator.missed_points for board in device.servo_boards],
-            "filled_buffer_steps": [board.interpolator.filled_buffer_steps for board in device.servo_boards],
+            **device.facts(),
             "skipped_s": f"{device.skipped * 1e-9:.2f}",
         }
         if device.skipped:

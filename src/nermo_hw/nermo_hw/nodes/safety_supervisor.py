@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -41,6 +42,9 @@ class SafetySupervisorParameters(SafetySettings):
     """Parameters of the node."""
 
     robot: str = Field("nermo_lite", description="Name of the robot, or path of its parameter file")
+    bus: Literal["", "servo_boards", "pwm_board"] = Field(
+        "", description="What its servos hang on: servo_boards or pwm_board; empty: what the robot's file says"
+    )
     auto_release: bool = Field(
         False, description="Give power unasked, at the start and when the device was away: for emulated robots"
     )
@@ -56,6 +60,8 @@ class SafetySupervisorNode(Node):
             robot = load_robot(settings.robot)
         self._supervisor = SafetySupervisor(robot, settings, now=self._now())
         self._names = list(robot.servos)
+        self._blind = (settings.bus or robot.bus) == "pwm_board"
+        """Whether no sensors but that of the supply are there to be checked."""
         self._auto_release = settings.auto_release
         self._imu = NO_IMU
         """Orientation, rates, accelerations."""
@@ -116,6 +122,7 @@ class SafetySupervisorNode(Node):
             battery_current=self._supply[1],
             faults=Fault(0),
             limp=False,
+            blind=self._blind,
         )
         self._supervisor.take_sensors(sample, now)
         if self._auto_release and self._supervisor.waits_for_the_line_only:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from nermo_description.parameters import RobotParameters
-from nermo_hw.sample_topics import SAMPLE_TOPICS, Fields, fill
+from nermo_hw.sample_topics import SAMPLE_TOPICS, SampleTopic, fill
 from nermo_hw.types import Array, SensorSample
 from nermo_node import qos
 from nermo_node.time import to_message
@@ -20,12 +20,12 @@ from nermo_node.time import to_message
 
 @dataclass(frozen=True, slots=True)
 class _Topic:
-    """A topic, the samples from one of its messages to the next, and how its one message is filled."""
+    """A topic, the samples from one of its messages to the next, and its one message."""
 
     publisher: Publisher
     every: int
     message: Any
-    fields: Callable[[SensorSample], Fields]
+    what: SampleTopic
 
 
 class SamplePublishers:
@@ -42,15 +42,15 @@ class SamplePublishers:
             message.header.frame_id = f"{frame_prefix}{topic.frame}" if topic.frame else ""
             fill(message, topic.fixed(robot), _doubles)
             publisher = node.create_publisher(type(message), name, qos.SENSOR)
-            self._topics.append(_Topic(publisher, every.get(name, 1), message, topic.fields))
+            self._topics.append(_Topic(publisher, every.get(name, 1), message, topic))
 
     def publish(self, sample: SensorSample) -> None:
         """Publishes what is due with this sample."""
         stamp = to_message(sample.stamp)
         for topic in self._topics:
-            if self._count % topic.every == 0:
+            if self._count % topic.every == 0 and topic.what.said_with(sample):
                 topic.message.header.stamp = stamp
-                fill(topic.message, topic.fields(sample), _doubles)
+                fill(topic.message, topic.what.fields(sample), _doubles)
                 topic.publisher.publish(topic.message)
         self._count += 1
 

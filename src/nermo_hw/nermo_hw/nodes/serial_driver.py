@@ -293,7 +293,7 @@ class SerialDriverNode(Node):
     def _connect(self) -> None:
         identity = self._driver.open()
         self.get_logger().info(
-            f"{identity.robot} at {identity.url}: {len(identity.boards)} boards, SBCP {identity.protocol_version}"
+            f"{identity.robot} at {identity.url}: {', '.join(identity.boards)}, SBCP {identity.protocol_version}"
         )
         if identity.robot != self._driver.robot.name:
             self.get_logger().warning(

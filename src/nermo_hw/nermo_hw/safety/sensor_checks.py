@@ -94,9 +94,9 @@ class SensorChecks:
         pause = (now - self._last_at) * 1e-9
         self._dt = pause if self._last is not None and 0.0 < pause <= LONGEST_STEP else 0.0
         found = {
-            **self._look_at_imu(sample),
+            **({} if sample.blind else self._look_at_imu(sample)),
             **self._look_at_battery(sample),
-            **self._look_at_servos(sample, targets),
+            **({} if sample.blind else self._look_at_servos(sample, targets)),
         }
         self._findings = {
             cause: Finding(self._findings[cause].since if cause in self._findings else now, why)

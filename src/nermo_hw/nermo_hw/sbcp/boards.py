@@ -1,8 +1,8 @@
-"""Nermo's electronics as the line sees them: boards, their registers, and the payloads of the low-latency exchange.
+"""Nermo's electronics as the line sees them: boards, and the payloads of the low-latency exchange.
 
-This file is the data sheet in code; docs/sbcp.md is generated from it in words and a test holds the two together.
-All numbers are little-endian. Angles are those of the servos as mounted: the driver's calibration makes joint angles
-of them.
+This file, `pwm_board` and `register_tables` are the data sheet in code; docs/sbcp.md is generated from it in words and
+a test holds the two together. All numbers are little-endian. Angles are those of the servos as mounted: the driver's
+calibration makes joint angles of them.
 """
 
 from __future__ import annotations
@@ -16,13 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS
-from nermo_description.silence import WATCHDOG
 from nermo_hw.sbcp.packet import DeviceClass
-from nermo_hw.sbcp.registers import Access, Kind, Register
-
-PROTOCOL_VERSION = 0x0101
-"""1.1"""
-FIRMWARE_VERSION = 0x0100
 
 CHANNELS = 4
 """Servo channels of a servo board."""
@@ -70,130 +64,6 @@ VOLTAGE = 1e-3
 """[V]"""
 NO_READING, NO_UNSIGNED_READING = -0x8000, 0xFFFF
 """Stand for what a board cannot measure; numbers that its field cannot hold stop short of them."""
-
-STANDARD = (
-    Register(0x00, "device_class", Kind.U8, Access.READ_ONLY, "kind of device, first half of its address"),
-    Register(
-        0x01,
-        "device_id",
-        Kind.U8,
-        Access.STORED,
-        "second half of its address, from the next packet on",
-        default=1,
-        lower=1,
-        upper=254,
-    ),
-    Register(
-        0x02, "protocol_version", Kind.U16, Access.READ_ONLY, "major and minor, a byte each", default=PROTOCOL_VERSION
-    ),
-    Register(
-        0x03, "firmware_version", Kind.U16, Access.READ_ONLY, "major and minor, a byte each", default=FIRMWARE_VERSION
-    ),
-    Register(0x04, "serial_number", Kind.U32, Access.READ_ONLY, "unique within a class"),
-    Register(0x05, "uptime", Kind.U32, Access.READ_ONLY, "since the start", unit="ms"),
-    Register(0x06, "bad_packets", Kind.U32, Access.READ_ONLY, "packets with a wrong checksum since the start"),
-    Register(0x07, "faults", Kind.U16, Access.READ_WRITE, "see faults; writing 0 acknowledges", upper=0),
-)
-"""Registers that every device has (C 5.3.1.3)."""
-
-SERVO_BOARD_REGISTERS = (
-    *STANDARD,
-    Register(
-        0x10,
-        "point_period",
-        Kind.U16,
-        Access.READ_WRITE,
-        "time between two trajectory points, in loops of the board; at least two (C 5.3.3)",
-        default=5,
-        lower=2,
-        upper=1000,
-        unit="ms",
-    ),
-    Register(
-        0x11,
-        "heuristics",
-        Kind.U8,
-        Access.READ_WRITE,
-        "over- and underflow heuristics of C 5.3.3 on (1) or off (0)",
-        default=1,
-        upper=1,
-    ),
-    Register(
-        0x12,
-        "watchdog",
-        Kind.U16,
-        Access.STORED,
-        "servos go limp when no exchange came for so long",
-        default=round(WATCHDOG.after * 1e3),
-        lower=20,
-        upper=10_000,
-        unit="ms",
-    ),
-    Register(
-        0x13,
-        "current_limit",
-        Kind.U16,
-        Access.STORED,
-        "a servo that draws more for over_current_time goes limp",
-        default=1200,
-        lower=50,
-        upper=5000,
-        unit="mA",
-    ),
-    Register(
-        0x14,
-        "over_current_time",
-        Kind.U16,
-        Access.STORED,
-        "see current_limit",
-        default=500,
-        lower=1,
-        upper=10_000,
-        unit="ms",
-    ),
-    Register(0x18, "missed_points", Kind.U32, Access.READ_ONLY, "interpolation periods that had no point to go to"),
-    Register(0x19, "filled_buffer_steps", Kind.U32, Access.READ_ONLY, "periods shortened because points were waiting"),
-    Register(0x1A, "dropped_points", Kind.U32, Access.READ_ONLY, "points that were never gone to"),
-)
-
-BODY_BOARD_REGISTERS = (
-    *STANDARD,
-    Register(0x10, "robot", Kind.TEXT, Access.STORED, "name of the robot that this is built into", default="nermo"),
-    Register(0x11, "battery_voltage", Kind.U16, Access.READ_ONLY, "at the terminals", unit="mV"),
-    Register(
-        0x12,
-        "low_voltage",
-        Kind.U16,
-        Access.STORED,
-        "below this the fault UNDER_VOLTAGE is on",
-        default=6600,
-        lower=4000,
-        upper=9000,
-        unit="mV",
-    ),
-)
-
-BUS_CONTROLLER_REGISTERS = (
-    *STANDARD,
-    Register(0x10, "baud", Kind.U32, Access.READ_ONLY, "of the bus behind it", default=BUS_BAUD, unit="bit/s"),
-    Register(
-        0x11,
-        "reply_timeout",
-        Kind.U16,
-        Access.READ_ONLY,
-        "silence after which a slave is given up",
-        default=round(SLAVE_TIMEOUT * 1e6),
-        unit="us",
-    ),
-    Register(0x12, "forwarded", Kind.U32, Access.READ_ONLY, "packets given to slaves since the start"),
-    Register(0x13, "unanswered", Kind.U32, Access.READ_ONLY, "of these, without an answer"),
-)
-
-REGISTERS: dict[int, tuple[Register, ...]] = {
-    DeviceClass.BUS_CONTROLLER: BUS_CONTROLLER_REGISTERS,
-    DeviceClass.SERVO_BOARD: SERVO_BOARD_REGISTERS,
-    DeviceClass.BODY_BOARD: BODY_BOARD_REGISTERS,
-}
 
 # Flags of an exchange with a servo board, above the four that energise its channels.
 POINT = 0x10

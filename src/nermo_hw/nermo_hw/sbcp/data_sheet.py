@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from nermo_hw.sbcp import boards
-from nermo_hw.sbcp.boards import REGISTERS, SERVO_BOARDS, STANDARD
+from nermo_hw.sbcp import boards, pwm_board
+from nermo_hw.sbcp.boards import SERVO_BOARDS
 from nermo_hw.sbcp.packet import DeviceClass, Instruction, Status
+from nermo_hw.sbcp.register_tables import REGISTERS, STANDARD
 from nermo_hw.sbcp.registers import Kind, Register
 from nermo_hw.types import Fault
 
@@ -29,6 +30,10 @@ def tables() -> dict[str, str]:
                 for number, names in SERVO_BOARDS.items()
             ],
         ),
+        "PWM board": _table(
+            ("channel", "servo"), [(str(channel), name) for channel, name in enumerate(pwm_board.SERVOS)]
+        ),
+        "States of a PWM board": _table(("state", ""), [(str(s.value), s.name) for s in pwm_board.State]),
         "Standard registers": _registers(STANDARD),
         **{f"Registers of a {_words(DeviceClass(device).name)}": _registers(own[device]) for device in own},
     }

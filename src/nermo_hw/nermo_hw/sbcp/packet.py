@@ -21,6 +21,7 @@ class DeviceClass(IntEnum):
     BUS_CONTROLLER = 0x01
     SERVO_BOARD = 0x02
     BODY_BOARD = 0x03
+    PWM_BOARD = 0x04
 
 
 class Instruction(IntEnum):

@@ -119,6 +119,11 @@ class Calibrator:
                 continue
             if sample.missing:
                 raise CalibrationError(f"{', '.join(sample.missing)} does not answer")
+            if sample.blind:
+                raise CalibrationError(
+                    "this board reads no angles, so there is nothing to find them by: write the calibration file by "
+                    "hand, as firmware/README.md shows"
+                )
             if unread := _unread(sample, self._driver.names):
                 raise CalibrationError(f"{', '.join(unread)} has no reading")
             yield sample

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import struct
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
-from nermo_description.parameters import LEGS, RobotParameters
-from nermo_hw.sbcp import boards
-from nermo_hw.sbcp.boards import BODY_BOARD, BUS_CONTROLLER, CHANNELS, SERVO_BOARDS, TACTILE_CHANNELS, board_name
-from nermo_hw.sbcp.packet import DeviceClass, Instruction, Packet, Status
+from nermo_description.parameters import RobotParameters
+from nermo_hw.sbcp import pwm_board, register_tables
+from nermo_hw.sbcp.boards import board_name
+from nermo_hw.sbcp.packet import Instruction, Packet, Status
 from nermo_hw.sbcp.plausible import plausible_answer
 from nermo_hw.sbcp.registers import Register, Value
-from nermo_hw.serial.calibration import Calibration, Mountings
-from nermo_hw.serial.line import UNANSWERED, Address, Line
+from nermo_hw.serial.bus import Address, Bus
+from nermo_hw.serial.calibration import Calibration
+from nermo_hw.serial.line import UNANSWERED, Line
+from nermo_hw.serial.pwm_board import PwmBoardBus
+from nermo_hw.serial.servo_boards import ServoBoardsBus
 from nermo_hw.types import (
-    LATCHED,
+    AbsentBoardError,
     DeviceIdentity,
-    Fault,
     LineCounters,
     LineError,
     SensorSample,
@@ -32,16 +32,8 @@ REPLY_TIMEOUT = 0.02
 """How long the device may take to answer [s]: far longer than it needs, and a tick that is late is no danger."""
 
 
-@dataclass(slots=True)
-class _Channel:
-    """Where a servo hangs."""
-
-    address: Address
-    number: int
-
-
 class Driver:
-    """One device, by its URL.
+    """One device, by its URL. Which bus it is the device says: the robot's own is asked for first.
 
     robot: whose servos these are; arrays are in the order of `robot.servos`. port: see `find_port`. calibration: how
     servos and encoders are mounted. point_period: time between two exchanges with new targets [s], which the device's
@@ -69,37 +61,23 @@ class Driver:
             raise ValueError(f"reply_timeout = {reply_timeout} s: must be within 0.0001 s and 10 s")
         self.robot = robot
         self.port_name = port
-        self._settings: dict[str, Value] = {"point_period": round(period_ms), "heuristics": 1}
         self._line, self._clock = Line(port, reply_timeout, plausible_answer), clock
         self._names = tuple(robot.servos)
-        where = {
-            name: _Channel((int(DeviceClass.SERVO_BOARD), number), channel)
-            for number, names in SERVO_BOARDS.items()
-            for channel, name in enumerate(names)
-            if name is not None
-        }
-        self._channels = [where[name] for name in self._names]
-        self._servo_boards = [(int(DeviceClass.SERVO_BOARD), number) for number in SERVO_BOARDS]
-        self._populated = {
-            address: sum(1 << channel.number for channel in self._channels if channel.address == address)
-            for address in self._servo_boards
-        }
-        self._servos = Mountings(self._names, calibration.servos if calibration else {})
-        self._encoders = Mountings(LEGS, calibration.knee_encoders if calibration else {})
-        # Place of each servo in the concatenated channels of all boards, and back.
-        self._slot = np.array(
-            [self._servo_boards.index(channel.address) * CHANNELS + channel.number for channel in self._channels]
-        )
+        self._buses = _buses(robot, calibration, round(period_ms))
+        self._bus: Bus = self._buses[0]
         self._sequence = 0
         self._acknowledge = False
         self._last_stamp: int | None = None
-        self._servo_answers: dict[Address, boards.ServoAnswer] = {}
-        self._body_answer: boards.BodyAnswer | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
         """The servos, in the order of all arrays."""
         return self._names
+
+    @property
+    def bus(self) -> Bus:
+        """Who was there when the line was opened last; before that, what the robot's file says."""
+        return self._bus
 
     @property
     def counters(self) -> LineCounters:
@@ -118,12 +96,12 @@ class Driver:
 
         Raises LineError where the port cannot be opened, nobody answers, or a board is of another protocol.
         """
-        self._line.open()
+        self._line.open(self._buses[0].baud)
         self._last_stamp = None
-        self._servo_answers.clear()
-        self._body_answer = None
         try:
+            self._bus = self._who_is_there()
             identity = self.identify()
+            self._bus.learn({name: self.read(self._bus.body, name) for name in self._bus.learns})
             if set_up:
                 self._set_up()
         except LineError:
@@ -151,15 +129,26 @@ class Driver:
         Raises ValueError for targets of a wrong shape or not finite, SilentLineError where no board answered, and
         LineLostError where the port is gone.
         """
-        self._sequence = (self._sequence + 1) & 0xFF
+        positions = None if targets is None else np.asarray(targets.positions, dtype=float)
+        if positions is not None and (positions.shape != (len(self._names),) or not np.isfinite(positions).all()):
+            raise ValueError(f"targets {positions.tolist()}: must be {len(self._names)} finite positions [rad]")
+        self._sequence += 1
         stamp = self._clock()
-        packets = self._exchange_packets(targets)
+        energised = targets is None or targets.energised
+        packets = self._bus.packets(self._sequence, positions, energised, self._acknowledge)
         self.counters.exchanges += 1
         answers = self._line.transfer(packets, self._take_exchange)
         if all(answer.code in UNANSWERED for answer in answers.values()):
             raise SilentLineError(f"port {self.port_name}: no board answered within {self._line.timeout * 1e3:g} ms")
         self._acknowledge = False
-        return self._sample(stamp, answers)
+        elapsed = 0.0 if self._last_stamp is None else (stamp - self._last_stamp) * 1e-9
+        self._last_stamp = stamp
+        missing = tuple(
+            board_name(packet.address)
+            for packet in packets
+            if packet.address not in answers or answers[packet.address].code != Status.OK
+        )
+        return self._bus.sample(stamp, elapsed, missing)
 
     def release(self) -> None:
         """Sets the boards up again and acknowledges latched faults: from the next exchange on, servos may have power.
@@ -171,29 +160,29 @@ class Driver:
 
     def identify(self) -> DeviceIdentity:
         """Asks every board who it is. Raises LineError where the body board does not say."""
-        present = []
-        for address in (BUS_CONTROLLER, *self._servo_boards, BODY_BOARD):
+        present, body = [], self._bus.body
+        for address in self._bus.boards:
             try:
                 version = int(self.read(address, "protocol_version"))
             except SilentLineError:
-                if address == BUS_CONTROLLER:  # it would speak for the others
+                if address == self._bus.door:  # it would speak for the others
                     break
                 continue
-            if version >> 8 != boards.PROTOCOL_VERSION >> 8:
+            if version >> 8 != register_tables.PROTOCOL_VERSION >> 8:
                 raise LineError(
                     f"port {self.port_name}: {board_name(address)} speaks SBCP {_version(version)}, "
-                    f"this driver {_version(boards.PROTOCOL_VERSION)}"
+                    f"this driver {_version(register_tables.PROTOCOL_VERSION)}"
                 )
             present.append(board_name(address))
-        if board_name(BODY_BOARD) not in present:
+        if board_name(body) not in present:
             there = f"only {', '.join(present)}" if present else "nobody"
             raise SilentLineError(f"port {self.port_name}: {there} answered; is this a Nermo, and has it power?")
         return DeviceIdentity(
             url=self.port_name,
-            robot=str(self.read(BODY_BOARD, "robot")),
-            protocol_version=_version(int(self.read(BODY_BOARD, "protocol_version"))),
-            firmware_version=_version(int(self.read(BODY_BOARD, "firmware_version"))),
-            serial_number=int(self.read(BODY_BOARD, "serial_number")),
+            robot=str(self.read(body, "robot")),
+            protocol_version=_version(int(self.read(body, "protocol_version"))),
+            firmware_version=_version(int(self.read(body, "firmware_version"))),
+            serial_number=int(self.read(body, "serial_number")),
             boards=tuple(present),
         )
 
@@ -209,114 +198,57 @@ class Driver:
         register.check(value)
         self._line.ask(Packet(*address, Instruction.SET, bytes((register.address,)) + register.encode(value)))
 
-    # One transfer
+    # Inside
+
+    def _who_is_there(self) -> Bus:
+        """The bus whose door answers, with the line at its speed. Raises SilentLineError where none does."""
+        for bus in self._buses:
+            self._line.set_speed(bus.baud)
+            if self._answers(bus):
+                return bus
+        raise SilentLineError(f"port {self.port_name}: nobody answered; is this a Nermo, and has it power?")
+
+    def _answers(self, bus: Bus) -> bool:
+        until = time.monotonic() + bus.boot_time
+        while True:
+            try:
+                self.read(bus.door, "protocol_version")
+                return True
+            except AbsentBoardError:
+                return False
+            except SilentLineError:
+                if time.monotonic() >= until:
+                    return False
 
     def _set_up(self) -> None:
-        for address in self._servo_boards:
-            for name, value in self._settings.items():
+        for address in self._bus.servo_boards:
+            for name, value in self._bus.settings.items():
                 try:
                     self.write(address, name, value)
                 except SilentLineError:
                     continue  # a board that is gone shows in every exchange
-
-    def _exchange_packets(self, targets: ServoTargets | None) -> list[Packet]:
-        flags, reported = 0, np.zeros(len(self._servo_boards) * CHANNELS)
-        energised = targets is None or targets.energised
-        if targets is not None:
-            positions = np.asarray(targets.positions, dtype=float)
-            if positions.shape != (len(self._names),) or not np.isfinite(positions).all():
-                raise ValueError(f"targets {positions.tolist()}: must be {len(self._names)} finite positions [rad]")
-            reported[self._slot] = self._servos.reported(positions)
-            flags |= boards.POINT
-        if self._acknowledge:
-            flags |= boards.ACKNOWLEDGE
-        packets = []
-        for number, address in enumerate(self._servo_boards):
-            a, b, c, d = reported[number * CHANNELS : (number + 1) * CHANNELS].tolist()
-            power = self._populated[address] if energised else 0
-            request = boards.ServoRequest(self._sequence, flags | power, (a, b, c, d))
-            packets.append(Packet(*address, Instruction.EXCHANGE, request.encode()))
-        body = boards.BodyRequest(self._sequence, flags & boards.ACKNOWLEDGE)
-        packets.append(Packet(*BODY_BOARD, Instruction.EXCHANGE, body.encode()))
-        return packets
 
     def _take_exchange(self, packet: Packet) -> bool:
         """Whether a packet answers the present exchange; if so its content is kept."""
         if packet.code != Status.OK:
             self.counters.refused += 1
             return True
-        try:
-            if packet.device_class == DeviceClass.SERVO_BOARD:
-                answer = boards.ServoAnswer.decode(packet.payload)
-                if answer.sequence == self._sequence:
-                    self._servo_answers[packet.address] = answer
-                return answer.sequence == self._sequence
-            body = boards.BodyAnswer.decode(packet.payload)
-        except (struct.error, ValueError):
-            return False
-        if body.sequence == self._sequence:
-            self._body_answer = body
-        return body.sequence == self._sequence
+        return self._bus.take(packet)
 
-    # What came back
 
-    def _sample(self, stamp: int, answered: dict[Address, Packet]) -> SensorSample:
-        count = len(self._servo_boards) * CHANNELS
-        positions, velocities, currents = np.zeros(count), np.zeros(count), np.zeros(count)
-        knees, cells = np.zeros(len(LEGS)), np.zeros((len(TACTILE_CHANNELS), len(LEGS)))
-        faults, limp = Fault(0), False
-        silent, over = 0, 0
-        for number, address in enumerate(self._servo_boards):
-            answer = self._servo_answers.get(address)
-            if answer is None:
-                limp = limp or self._populated[address] != 0
-                continue
-            here = slice(number * CHANNELS, (number + 1) * CHANNELS)
-            positions[here], velocities[here], currents[here] = answer.positions, answer.velocities, answer.currents
-            knees[number], cells[:, number] = answer.knee_angle, answer.cells
-            faults |= Fault(answer.faults & 0xFF)
-            populated = self._populated[address]
-            limp = limp or (answer.energised & populated) != populated
-            silent |= ((answer.energised >> 4) & populated) << (number * CHANNELS)
-            over |= ((answer.faults >> 8) & populated) << (number * CHANNELS)
-        body = self._body_answer
-        if body is not None:
-            faults |= Fault(body.faults & 0xFF)
-        elapsed = 0.0 if self._last_stamp is None else (stamp - self._last_stamp) * 1e-9
-        self._last_stamp = stamp
-        return SensorSample(
-            stamp=stamp,
-            elapsed=elapsed,
-            servo_positions=self._servos.angles(positions[self._slot]),
-            servo_velocities=self._servos.velocities(velocities[self._slot]),
-            servo_currents=currents[self._slot],
-            knee_angles=self._encoders.angles(knees),
-            cells=dict(zip(TACTILE_CHANNELS, cells, strict=True)),
-            orientation=np.array([1.0, 0.0, 0.0, 0.0]) if body is None else body.orientation,
-            angular_velocity=np.zeros(3) if body is None else body.angular_velocity,
-            linear_acceleration=np.zeros(3) if body is None else body.linear_acceleration,
-            battery_voltage=float("nan") if body is None else body.voltage,
-            battery_current=float("nan") if body is None else body.current,
-            faults=faults,
-            limp=limp or bool(faults & LATCHED),
-            silent_servos=self._named(silent),
-            over_current_servos=self._named(over),
-            missing=tuple(
-                board_name(address)
-                for address in (*self._servo_boards, BODY_BOARD)
-                if address not in answered or answered[address].code != Status.OK
-            ),
-        )
-
-    def _named(self, mask: int) -> tuple[str, ...]:
-        return tuple(name for name, slot in zip(self._names, self._slot.tolist(), strict=True) if mask >> slot & 1)
+def _buses(robot: RobotParameters, calibration: Calibration | None, period_ms: int) -> list[Bus]:
+    """Those that can drive this robot, its own first."""
+    made: list[Bus] = [ServoBoardsBus(robot, calibration, period_ms)]
+    if set(robot.servos) <= set(pwm_board.SERVOS):
+        made.append(PwmBoardBus(robot, calibration, period_ms))
+    return sorted(made, key=lambda bus: bus.name != robot.bus)
 
 
 def _register(address: Address, name: str) -> Register:
-    for register in boards.REGISTERS[address[0]]:
+    for register in register_tables.REGISTERS[address[0]]:
         if register.name == name:
             return register
-    known = ", ".join(register.name for register in boards.REGISTERS[address[0]])
+    known = ", ".join(register.name for register in register_tables.REGISTERS[address[0]])
     raise KeyError(f"{board_name(address)} has no register {name!r}; it has {known}")
 
 

@@ -7,14 +7,13 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from nermo_hw.sbcp import boards
+from nermo_hw.sbcp import register_tables
 from nermo_hw.sbcp.boards import board_name
 from nermo_hw.sbcp.packet import OVERHEAD, Instruction, Packet, Status, status_name
 from nermo_hw.sbcp.parser import Parser, Plausible
+from nermo_hw.serial.bus import Address
 from nermo_hw.serial.port import open_port
-from nermo_hw.types import LineCounters, LineError, LineLostError, SilentLineError
-
-Address = tuple[int, int]
+from nermo_hw.types import AbsentBoardError, LineCounters, LineError, LineLostError, SilentLineError
 
 LARGEST_OVERTIME = 1.0
 """A line that never ends to babble is given up after this time [s]."""
@@ -44,12 +43,24 @@ class Line:
         """Whether the port is open; whether somebody answers is another question."""
         return self._port is not None
 
-    def open(self) -> None:
-        """Opens the port; counting starts anew. Raises LineError."""
+    def open(self, baud: int) -> None:
+        """Opens the port at a speed [bit/s]; counting starts anew. Raises LineError."""
         self.close()
         self.counters = LineCounters()
         self._parser = Parser(self._plausible, prefer_later=True)
-        self._port = open_port(self.name, self.timeout)
+        self._port = open_port(self.name, self.timeout, baud)
+
+    def set_speed(self, baud: int) -> None:
+        """Goes on at another speed [bit/s]; what has come is forgotten. Raises LineLostError."""
+        if self._port is None:
+            raise LineLostError(f"port {self.name} is not open")
+        try:
+            self._port.baudrate = baud
+            self._port.reset_input_buffer()
+        except (OSError, ValueError) as error:
+            self.close()
+            raise LineLostError(f"port {self.name} does not do {baud} bit/s: {error}") from error
+        self._parser = Parser(self._plausible, prefer_later=True)
 
     def close(self) -> None:
         """Closes the port."""
@@ -116,7 +127,9 @@ class Line:
         """
         size = 0
         if packet.code == Instruction.GET:
-            size = next(r.kind.size for r in boards.REGISTERS[packet.device_class] if r.address == packet.payload[0])
+            size = next(
+                r.kind.size for r in register_tables.REGISTERS[packet.device_class] if r.address == packet.payload[0]
+            )
 
         def answers_this(answer: Packet) -> bool:
             return answer.code != Status.OK or len(answer.payload) == size
@@ -136,4 +149,5 @@ class Line:
                     f"{Instruction(packet.code).name}: {status_name(answer.code)}"
                 )
             return answer
-        raise SilentLineError(f"port {self.name}: {board_name(packet.address)} does not answer")
+        kind = AbsentBoardError if spoken_for else SilentLineError
+        raise kind(f"port {self.name}: {board_name(packet.address)} does not answer")

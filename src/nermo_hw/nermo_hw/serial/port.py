@@ -10,7 +10,6 @@ from typing import Any
 import serial
 from serial.tools import list_ports
 
-from nermo_hw.sbcp.boards import BUS_BAUD
 from nermo_hw.types import LineError
 
 _USB = re.compile(r"usb:([0-9a-fA-F]{4}):([0-9a-fA-F]{4})(?::(.+))?")
@@ -41,17 +40,17 @@ def find_port(name: str) -> str:
     raise LineError(f"port {name}: this USB id is there {len(there)} times ({', '.join(there)}); add the serial number")
 
 
-def open_port(name: str, timeout: float) -> Any:
+def open_port(name: str, timeout: float, baud: int) -> Any:
     """A port, opened for nobody else, with nothing waiting in it.
 
-    timeout: of one read [s].
+    timeout: of one read [s]. baud: [bit/s], where the port has such a thing.
 
     Raises LineError, which says why.
     """
     path = find_port(name)
     try:
         options = {} if "://" in path else {"exclusive": True}
-        port = serial.serial_for_url(path, baudrate=BUS_BAUD, timeout=timeout, write_timeout=1.0, **options)
+        port = serial.serial_for_url(path, baudrate=baud, timeout=timeout, write_timeout=1.0, **options)
     except (OSError, ValueError) as error:  # SerialException is an OSError
         if getattr(error, "errno", None) == errno.ENOENT:
             raise LineError(f"port {name} is not there (yet)") from error
