@@ -119,8 +119,10 @@ def test_release_stop_and_silence_reach_the_servos(bench: Node, tmp_path: Path, 
         thread.join()
 
 
-def test_a_sensor_that_says_what_cannot_be_is_refused_in_words_and_has_no_reading(bench: Node) -> None:
-    process = start("safety_supervisor", "-p", "bus:=servo_boards")
+@pytest.mark.parametrize("bus", ["servo_boards", "pwm_board"])
+def test_a_sensor_that_says_what_cannot_be_is_refused_in_words_and_has_no_reading(bench: Node, bus: str) -> None:
+    """Also of a robot that has sensors though its file says it has none."""
+    process = start("safety_supervisor", "-p", f"bus:={bus}")
     status: dict[str, str] = {}
     servos = list(ROBOT.servos)
     well = ServoStates(name=servos, position=[s.neutral for s in ROBOT.servos.values()])

@@ -61,7 +61,7 @@ class SafetySupervisorNode(Node):
         self._supervisor = SafetySupervisor(robot, settings, now=self._now())
         self._names = list(robot.servos)
         self._blind = (settings.bus or robot.bus) == "pwm_board"
-        """Whether no sensors but that of the supply are there to be checked."""
+        """Whether no sensors but that of the supply are there to be checked, as far as none has been heard."""
         self._auto_release = settings.auto_release
         self._imu = NO_IMU
         """Orientation, rates, accelerations."""
@@ -136,6 +136,8 @@ class SafetySupervisorNode(Node):
 
     def _on_imu(self, message: Imu) -> None:
         q, rate, acceleration = message.orientation, message.angular_velocity, message.linear_acceleration
+        # Whoever has an IMU is not blind, whatever his file says; from then on its silence is a fault.
+        self._blind = False
         self._imu = (
             np.array([q.w, q.x, q.y, q.z]),
             np.array([rate.x, rate.y, rate.z]),
