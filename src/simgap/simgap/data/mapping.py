@@ -18,6 +18,8 @@ Component = Literal["x", "y", "z", "w", "roll", "pitch", "yaw"]
 BAG_TIME = "time"
 """Column [s] that a bag's stamps become."""
 
+ALL = "all"
+"""Key of `gains` for the actuators that have none of their own."""
 LARGEST_MAP = 50_000
 """Bytes. A map of a hundred channels has 10 000; PyYAML takes seconds for this."""
 DEEPEST = 20
@@ -253,6 +255,18 @@ class Map(_Row):
     enabled: EnabledRow | None = None
     signals: tuple[SignalRow, ...] = ()
     source: str = Field(default="map", exclude=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _gains_of_all(cls, data: Any) -> Any:
+        """Gains under `all` are those of every actuator that is told a position and has none of its own."""
+        gains, inputs = (data.get(key) if isinstance(data, dict) else None for key in ("gains", "inputs"))
+        if not isinstance(gains, dict) or not isinstance(inputs, list | tuple) or ALL not in gains:
+            return data
+        rows = [row for row in inputs if isinstance(row, dict) and row.get("kind") == "position"]
+        told = [row["actuator"] for row in rows if isinstance(row.get("actuator"), str)]
+        own = {name: row for name, row in gains.items() if name != ALL}
+        return data if ALL in told or not told else {**data, "gains": {**dict.fromkeys(told, gains[ALL]), **own}}
 
     @model_validator(mode="after")
     def _columns(self) -> Map:
