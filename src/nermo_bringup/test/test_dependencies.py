@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import pytest
 
 from nermo_bringup.environment.checkout import checkout_root
-from nermo_bringup.environment.python_packages import normal_name, pinned_packages
+from nermo_bringup.environment.python_packages import LOCKS, normal_name, pinned_packages
 
 ROOT = checkout_root()
 PACKAGES = sorted(path.parent.name for path in ROOT.glob("src/*/package.xml"))
@@ -72,25 +72,45 @@ def test_what_is_declared_is_known(package):
     assert declared(package) <= known | ROS | set(PACKAGES)
 
 
+def required(lock):
+    """Names in the list that a lock file was made from."""
+    lines = (ROOT / lock.replace(".lock", ".in")).read_text(encoding="utf-8").splitlines()
+    return {normal_name(re.match(r"[\w.-]+", line)[0]) for line in lines if line and not line.startswith("#")}
+
+
+def pinned(lock):
+    return {normal_name(name): version for name, version in pinned_packages(ROOT / lock)}
+
+
 def test_what_is_documented_is_required():
-    lines = (ROOT / "requirements.in").read_text(encoding="utf-8").splitlines()
-    wanted = {normal_name(re.match(r"[\w.-]+", line)[0]) for line in lines if line and not line.startswith("#")}
-    assert {normal_name(name) for _, name in table().values()} <= wanted
+    assert {normal_name(name) for _, name in table().values()} <= set().union(*map(required, LOCKS))
 
 
-def test_lock_file_holds_all_that_is_required():
-    pinned = {normal_name(name) for name, _ in pinned_packages(ROOT / "requirements.lock")}
-    lines = (ROOT / "requirements.in").read_text(encoding="utf-8").splitlines()
-    for line in lines:
-        if line and not line.startswith("#"):
-            assert normal_name(re.match(r"[\w.-]+", line)[0]) in pinned
+@pytest.mark.parametrize("lock", LOCKS)
+def test_lock_file_holds_all_that_is_required(lock):
+    assert required(lock) <= set(pinned(lock))
+
+
+def test_what_tests_add_changes_nothing_of_what_runs():
+    run, test = map(pinned, LOCKS)
+    for name in run.keys() & test.keys():
+        assert test[name] == run[name]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_what_runs_imports_nothing_that_tests_alone_need(package):
+    """Who only drives the mouse has none of it; Dask is optional, and asked for."""
+    tests_only = {normal_name(name) for name in pinned(LOCKS[1]).keys() - pinned(LOCKS[0]).keys()}
+    modules = imports(ROOT / "src" / package / package) - OPTIONAL
+    names = {normal_name(table()[m][1] if m in table() else m) for m in modules}
+    assert not names & tests_only
 
 
 def test_every_licence_is_listed():
     text = (ROOT / "THIRD_PARTY.md").read_text(encoding="utf-8")
     listed = dict(re.findall(r"^\| (\S+) \| (.+) \|$", text, re.MULTILINE))
-    for name, _ in pinned_packages(ROOT / "requirements.lock"):
-        assert listed.get(normal_name(name)), f"{name}: run python -m nermo_bringup.environment.licences"
+    for name in {**pinned(LOCKS[0]), **pinned(LOCKS[1])}:
+        assert listed.get(name), f"{name}: run python -m nermo_bringup.environment.licences"
 
 
 def test_set_up_needs_the_standard_library_only():

@@ -111,7 +111,7 @@ def test_broken_manifest_is_named(root, text, message):
 
 
 def test_environment_is_made_anew_when_the_lock_changes(tmp_path):
-    for name in ("requirements.in", "requirements.lock"):
+    for name in ("requirements.in", "requirements.lock", "requirements-test.in", "requirements-test.lock"):
         (tmp_path / name).write_text("numpy==2.0.0\n")
     world = World(None, "", tf2_msgs=False)
     before = Environment(tmp_path / ".venv", tmp_path, world)
@@ -122,6 +122,24 @@ def test_environment_is_made_anew_when_the_lock_changes(tmp_path):
     (tmp_path / "requirements.lock").write_text("ros-rclpy==9.9.9\nnumpy==2.0.0\n")
     assert before.build_stamp() != build_stamp
     assert not before.ready()
+
+
+def test_what_tests_need_is_told_from_what_runs(tmp_path):
+    """A change of it has only the tests' packages fetched anew, one of the environment both."""
+    for name in ("requirements.in", "requirements.lock", "requirements-test.in", "requirements-test.lock"):
+        (tmp_path / name).write_text("# nothing\n")
+    environment = Environment(tmp_path / ".venv", tmp_path, World(None, "", tf2_msgs=False))
+    environment.make()
+    assert environment.ready() and not environment.ready_for_tests()
+    environment.add_tests()
+    assert environment.ready_for_tests()
+    (tmp_path / "requirements-test.lock").write_text("# something\n")
+    assert environment.ready() and not environment.ready_for_tests()
+    environment.add_tests()
+    (tmp_path / "requirements.lock").write_text("# something\n")
+    assert not environment.ready() and not environment.ready_for_tests()
+    environment.make()
+    assert environment.ready() and not environment.ready_for_tests()
 
 
 def test_sourced_ros_is_found_and_kept(monkeypatch, tmp_path):
@@ -161,7 +179,14 @@ class Bare:
         for name in ("src/nermo_bringup/nermo_bringup/environment", "src/nermo_description/nermo_description"):
             ignored = shutil.ignore_patterns("__pycache__", "*.obj", "*.stl", "meshes")
             shutil.copytree(here / name, self.root / name, ignore=ignored)
-        for name in ("nermo", "requirements.in", "requirements.lock", "src/nermo_bringup/nermo_bringup/__init__.py"):
+        for name in (
+            "nermo",
+            "requirements.in",
+            "requirements.lock",
+            "requirements-test.in",
+            "requirements-test.lock",
+            "src/nermo_bringup/nermo_bringup/__init__.py",
+        ):
             shutil.copy(here / name, self.root / name)
         shutil.copytree(here / "vendor", self.root / "vendor")
         self.bin = folder / "bin"

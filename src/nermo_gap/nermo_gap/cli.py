@@ -265,6 +265,36 @@ def detectability_command(
         write_report({**told, "rows": [row.report() for row in rows]}, json_)
 
 
+@gap_app.command("model")
+def model_command(
+    robot: Annotated[str, typer.Argument(help="nermo, nermo_lite or a parameter file.")],
+    out: Annotated[Path, typer.Option(help="The MJCF to write.")],
+) -> None:
+    """Write the mouse's model as it is replayed into one MJCF, for `simgap` and whoever else has no Nermo.
+
+    \b
+    Examples:
+      nermo gap model nermo_lite --out mouse.xml
+      simgap map recordings/today --model mouse.xml --out mouse_map.yaml
+      simgap diagnose recordings/today --model mouse.xml --map mouse_map.yaml
+    """
+    with _refusals():
+        from nermo_description.one_file import one_file
+        from nermo_description.robots import load_robot
+        from nermo_gap.robots.channels import Channels
+        from nermo_gap.robots.diagnosis import replayed_spec
+        from simgap.data.errors import GapInputError
+
+        parameters = load_robot(robot)
+        text = one_file(replayed_spec(parameters, Channels.of(parameters).servos))
+        try:
+            out.parent.mkdir(parents=True, exist_ok=True)
+            out.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise GapInputError(f"{out}: cannot be written ({error.strerror})") from error
+    typer.echo(out)
+
+
 gap_app.command("effects")(simgap.cli.effects_command)
 gap_app.command("check")(simgap.cli.check_command)
 gap_app.command("map")(simgap.cli.map_command)
@@ -286,6 +316,9 @@ def apply_command(
     randomise: Annotated[
         Path | None, typer.Option(help="With --model: YAML file for ranges for domain randomisation.")
     ] = None,
+    map_: Annotated[
+        Path | None, typer.Option("--map", help="With --model: the map of the diagnosis; writes OUT_map.yaml.")
+    ] = None,
 ) -> None:
     """Write the effects of a diagnosis: of the mouse as a robot to load, of any other into its model.
 
@@ -298,7 +331,7 @@ def apply_command(
     if model is not None:
         if robot is not None:
             fail("--robot is a mouse, --model the MJCF of another robot; give one of them", 2)
-        simgap.cli.apply_command(diagnosis, out, model, wrapper, randomise)
+        simgap.cli.apply_command(diagnosis, out, model, wrapper, randomise, map_)
         return
     if out.suffix == ".xml":
         fail("--out: a corrected model (.xml) needs --model, the MJCF that was diagnosed", 2)

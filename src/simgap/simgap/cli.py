@@ -132,6 +132,9 @@ def apply_command(
     randomise: Annotated[
         Path | None, typer.Option(help="YAML file for the intervals, as ranges for domain randomisation.")
     ] = None,
+    map_: Annotated[
+        Path | None, typer.Option("--map", help="The map of the diagnosis: writes OUT_map.yaml, to go on from here.")
+    ] = None,
     urdf: Annotated[
         Path | None, typer.Option(help="In place of --model: the robot's URDF, which gets the numbers that it knows.")
     ] = None,
@@ -141,6 +144,7 @@ def apply_command(
     \b
     Examples:
       simgap apply diagnosis/diagnosis.json --model robot.xml --out robot_corrected.xml --randomise ranges.yaml
+      simgap apply diagnosis/diagnosis.json --model robot.xml --map map.yaml --out robot_corrected.xml
       simgap apply diagnosis/diagnosis.json --urdf robot.urdf --out robot_corrected.urdf
     """
     source = model or urdf
@@ -149,8 +153,8 @@ def apply_command(
     if out.resolve() == source.resolve():
         fail(f"--out: {out} is the model itself; choose another name", 2)
     if urdf is not None:
-        if wrapper is not None or randomise is not None:
-            fail("--wrapper and --randomise need --model: they are for MuJoCo", 2)
+        if wrapper is not None or randomise is not None or map_ is not None:
+            fail("--wrapper, --map and --randomise need --model: they are for MuJoCo", 2)
         _apply_urdf(diagnosis, urdf, out)
         return
     assert model is not None
@@ -160,7 +164,8 @@ def apply_command(
         from simgap.correction.ranges import write_ranges
 
         report = read_diagnosis(diagnosis)
-        applied = apply(report, model, out, wrapper or out.with_name(f"{out.stem}_signals.py"))
+        maps = (map_, out.with_name(f"{out.stem}_map.yaml")) if map_ is not None else None
+        applied = apply(report, model, out, wrapper or out.with_name(f"{out.stem}_signals.py"), maps)
         if randomise is not None:
             found = Correction.of(report["correction"])
             write_ranges(randomise, found.changes, found.signals, str(diagnosis))
@@ -169,11 +174,13 @@ def apply_command(
         typer.echo(change.sentence)
     for signal in applied.wrapped:
         typer.echo(f"{signal.sentence} (in {applied.wrapper})")
+    for signal in applied.mapped:
+        typer.echo(f"{signal.sentence} (in {applied.map})")
     for note in applied.notes:
         typer.echo(f"not written: {note}", err=True)
     if not applied.kept_text:
         typer.echo("the model is written anew by MuJoCo: its layout and comments are not kept", err=True)
-    for path in (randomise, applied.wrapper, out):
+    for path in (randomise, applied.wrapper, applied.map, out):
         if path is not None:
             typer.echo(path)
 

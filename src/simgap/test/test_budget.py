@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import pytest
 from robots import plant_of, simulate
 from test_diagnose import SOME, _own_coulomb
@@ -49,3 +50,23 @@ def test_a_budget_may_end_in_any_stage(stage: str, monkeypatch: pytest.MonkeyPat
     if stage in reached:
         assert any("budget" in w for w in report["warnings"])
     assert report["verdict"] and report["waterfall"]
+
+
+def test_what_single_parts_speak_for_together_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The time may be over while the needless ones of them are taken out: then the answer is what is left by then."""
+
+    def soft_and_rubbing(model: mujoco.MjModel) -> None:
+        model.actuator_gainprm[:, 0] *= 0.05
+        model.actuator_biasprm[:, 1:3] *= 0.05
+        model.dof_frictionloss[:] = 0.1
+
+    reached: list[str] = []
+    monkeypatch.setattr(budget.Budget, "spent", lambda self, share=1.0: "drop" in reached and share < 1.0)
+    watch = budget.Budget.watch
+    monkeypatch.setattr(budget.Budget, "watch", lambda self, _: watch(self, lambda name, _: reached.append(name)))
+    plant, table = plant_of("arm"), simulate("arm", 10.0, change=soft_and_rubbing)
+    options = Options(only=("servo_gain", "coulomb_friction"), baselines=False, threads=1, budget=60.0)
+    report = diagnose([recording_from_table(table, plant)], plant, options).report
+    assert "drop" in reached and any("budget" in w for w in report["warnings"])
+    assert {e["name"] for e in report["effects"]} == {"servo_gain", "coulomb_friction"}
+    assert report["gap"]["after"] < 0.1 * report["gap"]["before"]

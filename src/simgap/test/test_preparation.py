@@ -93,12 +93,26 @@ def test_a_motor_that_is_told_positions_needs_gains(tmp_path: Path) -> None:
     assert left.gains == {} and "# gains" in text
     with pytest.raises(GapInputError, match="no position servo; add it to gains"):
         build_plant(mujoco.MjSpec.from_string(xml), left)
+    (line,) = [line for line in text.splitlines() if line.startswith("# gains: ")]
+    filled = text.replace(line, "gains: {all: {kp: 20, kd: 1.5}, elbow_servo: {kp: 5}}")
+    by_hand = parse_map(yaml.safe_load(filled)).gains
+    assert {name: (g.kp, g.kd) for name, g in by_hand.items()} == {"shoulder_servo": (20, 1.5), "elbow_servo": (5, 0)}
     told, _ = _guess(log, model, tmp_path, answer="20 1.5")
     assert {name: (g.kp, g.kd) for name, g in told.gains.items()} == {
         "shoulder_servo": (20.0, 1.5),
         "elbow_servo": (20.0, 1.5),
     }
     build_plant(mujoco.MjSpec.from_string(xml), told)
+
+
+def test_numbers_of_parts_are_no_numbers_of_joints(tmp_path: Path) -> None:
+    """Beside the joints' own columns, parts of a tail are counted too."""
+    log = simulate("arm", 6.0)
+    named = {"t": log["t"], "cmd_shoulder": log["u0"], "cmd_elbow": log["u1"], "pos_shoulder": log["q0"]}
+    parts = {f"pos_{part}_{n}": log["q1"] for part in ("tail", "spine") for n in (1, 2)}
+    found, text = _guess({**parts, **named}, mujoco.MjModel.from_xml_string(MODELS["arm"]), tmp_path)
+    assert [(row.column, row.joint) for row in found.outputs] == [("pos_shoulder", "shoulder")]
+    assert "# not used: pos_tail_2 (names no joint or actuator)" in text
 
 
 def test_what_stands_beside_the_joints_is_sorted_out(tmp_path: Path) -> None:

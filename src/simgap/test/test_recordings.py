@@ -29,6 +29,7 @@ from simgap.data.errors import GapInputError
 from simgap.data.mapping import parse_map
 from simgap.data.plant import Plant, build_plant
 from simgap.data.recording import load_recording
+from simgap.preparation.guess import guess_map
 
 Array = NDArray[np.float64]
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -327,6 +328,48 @@ def test_orientation_and_rates_of_a_body(tmp_path: Path) -> None:
     recording = load_recording(_write(tmp_path / "bag", messages, StoragePlugin.MCAP), plant)
     np.testing.assert_allclose(recording.outputs[:, 0], 0.4 * np.sin(0.02 * np.arange(500)), atol=1e-12)
     np.testing.assert_allclose(recording.outputs[:, 1], np.arange(500))
+
+
+def test_a_map_of_a_bag_is_guessed_from_what_it_holds(table: dict[str, Array], tmp_path: Path) -> None:
+    """Commands by index, positions by name, the body as it was seen, and nothing of a battery without a thermometer."""
+    legs = [f"{leg}_{joint}" for leg in ("front_left", "front_right", "rear_left", "rear_right")
+            for joint in ("hip", "knee")]  # fmt: skip
+    covariance, messages = np.zeros(9), []
+    vector = TYPES["geometry_msgs/msg/Vector3"]
+    for k in range(400):
+        ns, angles = EPOCH + 5_000_000 * k, np.sin(0.02 * k + np.arange(8))
+        turn = TYPES["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0)
+        place = TYPES["geometry_msgs/msg/Point"](x=0.001 * k, y=0.0, z=0.15)
+        pose = TYPES["geometry_msgs/msg/Pose"](position=place, orientation=turn)
+        messages += [("/servos/commands", ns, _floats(angles)), ("/joint_states", ns, _joint_state(ns, legs, angles))]
+        for topic in ("/odometry", "/tracker/pose"):
+            messages.append((topic, ns, TYPES["geometry_msgs/msg/PoseStamped"](header=_header(ns), pose=pose)))
+        rates = {"angular_velocity": vector(x=0.1, y=0.0, z=0.0), "linear_acceleration": vector(x=0.0, y=0.0, z=9.8)}
+        names = ("orientation", "angular_velocity", "linear_acceleration")
+        imu = {"header": _header(ns), "orientation": turn, **rates, **{f"{n}_covariance": covariance for n in names}}
+        messages.append(("/imu", ns, TYPES["sensor_msgs/msg/Imu"](**imu)))
+        unknown = dict.fromkeys(("temperature", "current", "charge", "capacity", "design_capacity"), float("nan"))
+        states = {f"power_supply_{name}": 0 for name in ("status", "health", "technology")}
+        cells = {"cell_voltage": np.zeros(0, np.float32), "cell_temperature": np.zeros(0, np.float32)}
+        rest = {"percentage": 1.0, "present": True, "location": "", "serial_number": ""}
+        battery = TYPES["sensor_msgs/msg/BatteryState"](
+            header=_header(ns), voltage=7.4 - 1e-4 * k, **unknown, **states, **cells, **rest
+        )
+        messages.append(("/battery", ns, battery))
+    bag = _write(tmp_path / "bag", messages, StoragePlugin.MCAP)
+    guess = guess_map(bag, mujoco.MjModel.from_xml_string(MODELS["quad"]))
+    found = parse_map(yaml.safe_load(guess.text("bag")))
+    assert [(row.topic, row.index, row.actuator) for row in found.inputs] == [
+        ("/servos/commands", i, f"{leg}_servo") for i, leg in enumerate(legs)
+    ]
+    assert [row.joint for row in found.outputs if row.topic == "/joint_states"] == legs
+    assert [row.component for row in found.outputs if row.body == "trunk"] == [*"xyz", *"wxyz"]
+    assert {row.topic for row in found.outputs if row.body == "trunk"} == {"/tracker/pose"}
+    assert [row.component for row in found.outputs if row.sensor == "imu_gyro"] == [*"xyz"]
+    assert [(row.field, row.unit) for row in found.auxiliary] == [("voltage", "V")]
+    assert "POWER_SUPPLY" not in guess.text("bag") and not guess.open
+    plant = _plant(yaml.safe_load(guess.text("bag")), "quad")
+    np.testing.assert_allclose(load_recording(bag, plant).inputs[7], np.sin(0.02 * 7 + np.arange(8)), atol=1e-12)
 
 
 def test_clocks_that_are_apart_are_noticed(table: dict[str, Array], tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Writes THIRD_PARTY.md: every package of requirements.lock with the licence that its own metadata names.
+"""Writes THIRD_PARTY.md: every package of the two locks with the licence that its own metadata names.
 
 .venv/bin/python -m nermo_bringup.environment.licences
 """
@@ -12,13 +12,14 @@ from typing import Any
 from xml.etree import ElementTree
 
 from nermo_bringup.environment.checkout import checkout_root
-from nermo_bringup.environment.python_packages import normal_name, pinned_packages
+from nermo_bringup.environment.python_packages import LOCKS, normal_name, pinned_packages
 
 _HEAD = """# Licences of what Nermo depends on
 
 Nermo itself is under the Apache License 2.0 (LICENSE). It installs the packages below and contains none of them;
 `vendor/tf2_msgs` restates the interface of ROS 2's package of that name (BSD-3-Clause).
-Written by `python -m nermo_bringup.environment.licences` from the metadata of the packages in requirements.lock.
+Written by `python -m nermo_bringup.environment.licences` from the metadata of the packages in requirements.lock
+and requirements-test.lock.
 
 | package | licence |
 |---|---|
@@ -59,7 +60,7 @@ def main() -> None:
     """Writes the table."""
     root = checkout_root()
     rows = []
-    for name in sorted({normal_name(name) for name, _ in pinned_packages(root / "requirements.lock")}):
+    for name in sorted({normal_name(name) for lock in LOCKS for name, _ in pinned_packages(root / lock)}):
         try:
             rows.append(f"| {name} | {licence(name)} |\n")
         except LookupError as error:

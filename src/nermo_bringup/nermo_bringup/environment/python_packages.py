@@ -1,4 +1,7 @@
-"""The Python environment in `.venv`, filled from requirements.lock. Standard library only."""
+"""The Python environment in `.venv`, filled from requirements.lock, and for tests from requirements-test.lock.
+
+Standard library only.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,9 @@ from pathlib import Path
 from nermo_bringup.environment.ros import World
 from nermo_bringup.environment.steps import SetupError, say, step
 
-_STAMP = "nermo-environment.json"
+LOCKS = ("requirements.lock", "requirements-test.lock")
+"""What runs, and what only checks and tests need."""
+_STAMP, _TEST_STAMP = "nermo-environment.json", "nermo-tests.json"
 _PIN = re.compile(r"^(?P<name>[A-Za-z0-9._-]+)==(?P<version>[^\s;]+)(?P<marker>\s*;[^\\]*)?")
 _BUILD_PACKAGES = ("ros-", "colcon-", "setuptools", "numpy")
 _NAME = re.compile(r"^[A-Za-z0-9._-]+")
@@ -51,7 +56,7 @@ class Environment:
 
     Args:
         path: Where it is or shall be.
-        root: The checkout, with requirements.in and requirements.lock.
+        root: The checkout, with requirements.in, requirements-test.in and their locks.
         world: The ROS 2 that it must fit.
     """
 
@@ -61,6 +66,7 @@ class Environment:
         self._root = root
         self._lock = root / "requirements.lock"
         self._wanted = root / "requirements.in"
+        self._test_lock, self._test_wanted = root / "requirements-test.lock", root / "requirements-test.in"
         self._world = world
 
     def stamp(self) -> dict[str, str]:
@@ -85,6 +91,32 @@ class Environment:
             return False
         return bool(written == self.stamp()) and self.python.exists()
 
+    def _test_stamp(self) -> dict[str, str]:
+        text = self._test_lock.read_bytes() + self._test_wanted.read_bytes()
+        return {**self.stamp(), "tests": hashlib.sha256(text).hexdigest()}
+
+    def ready_for_tests(self) -> bool:
+        """Whether what tests need is there too, and up to date."""
+        try:
+            written = json.loads((self.path / _TEST_STAMP).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return False
+        return self.ready() and bool(written == self._test_stamp())
+
+    def add_tests(self) -> None:
+        """Installs what tests need, beside all else.
+
+        Raises:
+            SetupError: A step failed.
+        """
+        say("checks and tests need some packages more, which stay in .venv")
+        environment = self._world.environment(self.path)
+        if self._world.distro:
+            self._install_missing(self._test_wanted, self._test_lock, environment)
+        else:
+            self._install_all(self._test_lock, environment)
+        (self.path / _TEST_STAMP).write_text(json.dumps(self._test_stamp(), indent=1), encoding="utf-8")
+
     def make(self) -> None:
         """Makes it from nothing.
 
@@ -101,26 +133,26 @@ class Environment:
         if self._world.distro:
             self._see_parent()
             self._try_ros(environment)  # before anything is downloaded in vain
-            self._install_missing(environment)
+            self._install_missing(self._wanted, self._lock, environment)
             self._try_ros(environment)
         else:
-            self._install_all(environment)
+            self._install_all(self._lock, environment)
         (self.path / _STAMP).write_text(json.dumps(self.stamp(), indent=1), encoding="utf-8")
 
     def _pip(self, *arguments: str) -> list[str]:
         return [str(self.python), "-m", "pip", "--disable-pip-version-check", "--no-input", *arguments]
 
-    def _install_all(self, environment: dict[str, str]) -> None:
-        """Installs the whole lock file, with uv where it can be had (seconds), else with pip (a minute)."""
-        if self._install_with_uv(environment):
+    def _install_all(self, lock: Path, environment: dict[str, str]) -> None:
+        """Installs a whole lock file, with uv where it can be had (seconds), else with pip (a minute)."""
+        if self._install_with_uv(lock, environment):
             return
-        what = f"installing {sum(1 for _ in self._pins())} Python packages with pip"
-        step(what, self._pip("install", "--require-hashes", "-r", str(self._lock)), environment)
+        what = f"installing {sum(1 for _ in _pins(lock))} Python packages with pip"
+        step(what, self._pip("install", "--require-hashes", "-r", str(lock)), environment)
 
-    def _install_with_uv(self, environment: dict[str, str]) -> bool:
+    def _install_with_uv(self, lock: Path, environment: dict[str, str]) -> bool:
         try:
-            command = [*self._uv(environment), "install", *self._here(), "--require-hashes", "-r", str(self._lock)]
-            step(f"installing {sum(1 for _ in self._pins())} Python packages", command, _for_uv(environment))
+            command = [*self._uv(environment), "install", *self._here(), "--require-hashes", "-r", str(lock)]
+            step(f"installing {sum(1 for _ in _pins(lock))} Python packages", command, _for_uv(environment))
         except SetupError as error:
             say(f"{error} Trying pip instead.")
             return False
@@ -167,11 +199,11 @@ class Environment:
         (own / "_parent_environment.py").write_text(_SEE_PARENT.format(parent=str(parent), libraries=libraries))
         (own / "_parent_environment.pth").write_text("import _parent_environment\n")
 
-    def _install_missing(self, environment: dict[str, str]) -> None:
+    def _install_missing(self, asked: Path, lock: Path, environment: dict[str, str]) -> None:
         """Installs only what the sourced ROS 2 and its system lack, in the lock file's versions where they fit."""
         wanted = [
             line.split("#")[0].strip()
-            for line in self._wanted.read_text(encoding="utf-8").splitlines()
+            for line in asked.read_text(encoding="utf-8").splitlines()
             if line.strip() and not line.startswith(("#", "ros-"))
         ]
         present = self._present(environment)
@@ -189,7 +221,7 @@ class Environment:
                 uv = self._uv(environment)
                 # What stands in the output file beforehand is what the resolver prefers.
                 resolved = Path(folder) / "resolved.txt"
-                resolved.write_text("\n".join(pin[0] for pin in self._pins()) + "\n", encoding="utf-8")
+                resolved.write_text("\n".join(pin[0] for pin in _pins(lock)) + "\n", encoding="utf-8")
                 command = [*uv, "compile", *self._here(), "--quiet", "--no-annotate", "--no-header", str(requirements)]
                 step("choosing versions that fit", [*command, "-o", str(resolved)], _for_uv(environment))
                 lacking = [f"{pin['name']}=={pin['version']}" for pin in _pins(resolved) if _name(pin[0]) not in kept]

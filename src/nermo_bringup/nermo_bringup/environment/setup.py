@@ -1,7 +1,7 @@
 """Sets up whatever is missing: the Python environment in `.venv`, then the built workspace in `install`.
 
-Run as `python -m nermo_bringup.environment.setup ROOT` by the `nermo` script. A second run compares stamps and is done
-in a tenth of a second. Standard library only.
+Run as `python -m nermo_bringup.environment.setup ROOT [--tests]` by the `nermo` script. A second run compares stamps
+and is done in a tenth of a second. Standard library only.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from nermo_bringup.environment.steps import SetupError, say
 _ACTIVATION = "nermo.bash"
 
 
-def set_up(root: Path) -> None:
+def set_up(root: Path, tests: bool = False) -> None:
     """Makes the environment and builds the workspace, as far as that is not done already.
 
     Args:
         root: The checkout.
+        tests: Fetch also what checks and tests need.
 
     Raises:
         SetupError: In one sentence, what is missing or failed and what to do about it.
@@ -37,7 +38,8 @@ def set_up(root: Path) -> None:
     with _lock(root):
         environment = python_packages.Environment(venv, root, world)
         packages = workspace.Workspace(root, world, environment.build_stamp())
-        if environment.ready() and not packages.stale() and (venv / _ACTIVATION).exists():
+        prepared = environment.ready_for_tests() if tests else environment.ready()
+        if prepared and not packages.stale() and (venv / _ACTIVATION).exists():
             return
         if missing := missing_required():
             wanted = "; ".join(f"{package.what} ({finding.detail})" for package, finding in missing)
@@ -48,6 +50,8 @@ def set_up(root: Path) -> None:
         if not environment.ready():
             say(f"setting up in {root} with {world.description}")
             environment.make()
+        if tests and not environment.ready_for_tests():
+            environment.add_tests()
         packages.build(environment.python)
         _write_activation(root, world)
     say(f"ready after {time.monotonic() - started:.0f} s")
@@ -85,9 +89,10 @@ def _write_activation(root: Path, world: ros.World) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point: sets up the checkout named by the first argument; returns the exit status."""
-    root = Path((sys.argv[1:] if arguments is None else arguments)[0]).resolve()
+    given = sys.argv[1:] if arguments is None else arguments
+    root = Path(given[0]).resolve()
     try:
-        set_up(root)
+        set_up(root, tests="--tests" in given[1:])
     except SetupError as error:
         print(f"nermo: {error}", file=sys.stderr)
         return 1

@@ -57,7 +57,8 @@ class CommandPlayer(Node):
         self._start: int | None = None
         self._last = 0
         self._over = False
-        self.get_logger().info(f"waiting for somebody who listens to {self._outlet.unheard} ({called()} up)")
+        if (unheard := self._outlet.unheard) is not None:
+            self.get_logger().info(f"waiting for somebody who listens to {unheard} ({called()} up)")
         if parameters.lockstep:
             inputs = Inputs(self, Complaints(self, "refused").add_one)
             inputs.subscribe(Clock, "/clock", lambda message: self._play(to_nanoseconds(message.clock)), 10)

@@ -51,17 +51,23 @@ SERVO_JOINTS, CABLE_JOINTS = ("_hip_joint", "_pulley_joint"), ("_knee_joint",)
 """Joints whose servo has an integrator, and joints that a cable holds against a spring."""
 
 
+def replayed_spec(robot: RobotParameters, reports: bool) -> mujoco.MjSpec:
+    """The mouse's model as it is replayed; ``reports``: whether servos report where they are."""
+    spec = diagnosis_spec(robot)
+    if not reports:
+        spec.option.timestep = COARSE_STEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    return spec
+
+
 def robot_plant(robot: RobotParameters, columns: Sequence[str], channels: Channels | None = None) -> Plant:
     """The mouse's nominal model with the channels that a table holds.
 
     Raises:
         GapInputError: the table commands or measures nothing.
     """
-    spec = diagnosis_spec(robot)
     mapping = robot_map(robot, columns, channels)
-    if not servos_report(mapping):
-        spec.option.timestep = COARSE_STEP
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec = replayed_spec(robot, servos_report(mapping))
     # Sensors that nobody reads cost a tenth of a step.
     read = {row.sensor for row in mapping.outputs}
     for sensor in [s for s in spec.sensors if s.name not in read]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 
 from simgap.correction import signals as signals_module
 from simgap.correction.changes import Change, Correction, Signal, correction
+from simgap.correction.known_map import write_map
 from simgap.correction.mjcf import write_mjcf
 from simgap.data.errors import GapInputError
 from simgap.data.plant import load_model
@@ -32,15 +34,19 @@ class Applied:
         written: changes that stand in the model.
         kept_text: whether the model's own text was kept.
         wrapped: signals that the wrapper holds.
-        notes: what neither file holds, each with its number and why.
+        mapped: signals that the map alone holds.
+        notes: what no file holds, each with its number and why.
         wrapper: the wrapper's file, or None where it would hold nothing.
+        map: the corrected model's map, or None where none was asked for.
     """
 
     written: tuple[Change, ...]
     kept_text: bool
     wrapped: tuple[Signal, ...]
+    mapped: tuple[Signal, ...]
     notes: tuple[str, ...]
     wrapper: Path | None
+    map: Path | None = None
 
 
 def diagnosed(fitter: Fitter, fit: Fit, intervals: list[dict[str, Any]]) -> Correction:
@@ -81,8 +87,12 @@ def read_diagnosis(path: Path, corrected: bool = True) -> dict[str, Any]:
     return found
 
 
-def apply(report: dict[str, Any], model: Path, out: Path, wrapper: Path) -> Applied:
+def apply(
+    report: dict[str, Any], model: Path, out: Path, wrapper: Path, map_: tuple[Path, Path] | None = None
+) -> Applied:
     """Write the corrected model to ``out`` and, where it is needed, the wrapper.
+
+    ``map_``: the map of the diagnosis, and where to write that of the corrected model.
 
     Raises:
         GapInputError: the model is not the one that was diagnosed, or a file cannot be written.
@@ -99,22 +109,31 @@ def apply(report: dict[str, Any], model: Path, out: Path, wrapper: Path) -> Appl
     notes += [
         f"{name} of the compiled model differs too, and no MJCF attribute is known for it" for name in found.unnamed
     ]
-    wrapped = []
-    for signal in found.signals:
-        if signal in in_model:
-            continue
-        if signal.where == "recording":
-            notes.append(f"{signal.sentence} (of what was measured, not of the robot)")
-        elif signal.quantity == "delay" and signal.value < 0:
-            notes.append(f"{signal.sentence} (the command acts before its stamp: nothing can do that, shift the log)")
-        elif signal.quantity.startswith("turned"):
-            notes.append(f"{signal.sentence} (turn the sensor's site)")
-        else:
-            wrapped.append(signal)
+    reasons = {s: why for s in found.signals if s not in in_model and (why := _of_the_log(s))}
+    wrapped = tuple(s for s in found.signals if s not in in_model and s not in reasons)
+    if map_ is None:
+        notes += [f"{signal.sentence} ({why})" for signal, why in reasons.items()]
     if wrapped:
         _write_wrapper(wrapper, wrapped, out)
+    if map_ is not None:
+        write_map(map_[0], [s for s in found.signals if s not in in_model], map_[1], model, out)
     kept = tuple(c for c in changes if c not in left)
-    return Applied(kept, written.kept_text, tuple(wrapped), tuple(notes), wrapper if wrapped else None)
+    made = wrapper if wrapped else None
+    mapped = tuple(reasons) if map_ is not None else ()
+    return Applied(kept, written.kept_text, wrapped, mapped, tuple(notes), made, map_[1] if map_ else None)
+
+
+def _of_the_log(signal: Signal) -> str:
+    """Why a signal is nothing that a wrapper could do; empty where it could."""
+    if signal.where == "recording":
+        return "of what was measured, not of the robot"
+    if signal.quantity == "delay" and signal.value < 0:
+        return "it acts before its stamp: nothing can do that, shift the log"
+    if signal.quantity == "lead":
+        return "the time step's own error"
+    if signal.quantity.startswith("turned"):
+        return "turn the sensor's site"
+    return ""
 
 
 def _delays(found: Correction, model: mujoco.MjModel) -> list[tuple[Change, Signal]]:
@@ -128,6 +147,8 @@ def _delays(found: Correction, model: mujoco.MjModel) -> list[tuple[Change, Sign
         if signal.name in chance | controlled or not 0 <= signal.index < model.nu:
             continue
         before = float(model.actuator_delay[signal.index])
+        if before + signal.value < model.opt.timestep:
+            continue  # MuJoCo makes a whole step of it
         span = {"low": (before + signal.low,), "high": (before + float(signal.high or 0.0),)} if signal.low else {}
         value = (before + signal.value,)
         change = Change("actuator", signal.name, signal.index, "delay", (before,), value, "s")
@@ -135,7 +156,7 @@ def _delays(found: Correction, model: mujoco.MjModel) -> list[tuple[Change, Sign
     return made
 
 
-def _write_wrapper(path: Path, signals: list[Signal], model: Path) -> None:
+def _write_wrapper(path: Path, signals: Sequence[Signal], model: Path) -> None:
     source = Path(str(signals_module.__file__)).read_text(encoding="utf-8")
     own = '"""What happens to commands and readings that MJCF has no words for. Needs NumPy and MuJoCo only.\n'
     heading = (

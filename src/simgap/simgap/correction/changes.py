@@ -93,7 +93,8 @@ ATTRIBUTES = (
 _OPTIONS = (("gravity", "m/s^2"), ("impratio", "1"))
 _FOLLOWS = ("jnt_limited", "actuator_forcelimited", "body_sameframe", "body_simple", "geom_sameframe")
 """Fields that are set along with one of the attributes, or that the compiler works out."""
-_POSITIVE = ("damping", "armature", "frictionloss", "stiffness", "mass")
+_POSITIVE = ("damping", "frictionloss", "stiffness", "mass")
+"""Below zero they would drive a robot. An armature may be: it makes up for the inertia that a time step adds."""
 
 
 @dataclass(frozen=True)
@@ -318,6 +319,7 @@ def _robot_signals(plant: Plant, variant: Variant) -> Iterator[Signal]:
             ("scale", outputs.scale, 1.0, "1"),
             ("bias", outputs.bias, 0.0, channel.unit or "SI"),
             ("delay", outputs.delay, 0.0, "s"),
+            ("lead", outputs.lead, 0.0, "s"),
             ("limit", outputs.limit, np.inf, channel.unit or "SI"),
         ):
             if values[i] != neutral:

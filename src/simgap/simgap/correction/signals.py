@@ -90,13 +90,27 @@ class Signals:
         return read
 
     def _arrived(self, a: int, command: float, time: float) -> float:
-        """The command that acts now: scaled, and as late as the link and the servo make it."""
+        """The command that acts in the coming step: scaled, and as late as the link and the servo make it."""
         of = self._command[a]
         command = of.get("scale", 1.0) * command + of.get("offset", 0.0)
-        chance = "loss" in of or "jitter" in of
+        if "loss" in of or "jitter" in of:
+            return self._by_chance(a, command, time)
+        # Of two commands that share a step acts the mean.
+        past, back = self._under_way[a], max(of.get("delay", 0.0), 0.0) / self._model.opt.timestep
+        past.append((time, command))
+        while len(past) > int(back) + 2:
+            past.popleft()
+        newest = len(past) - 1
+        before, after = (past[max(newest - int(back) - k, 0)][1] for k in (1, 0))
+        share = back - int(back)
+        return float(share * before + (1.0 - share) * after)
+
+    def _by_chance(self, a: int, command: float, time: float) -> float:
+        """The last command that a link has let through by now."""
+        of = self._command[a]
         if time + 1e-9 >= self._next_update[a]:
-            self._next_update[a] = time + (of.get("update", 0.0) if chance else 0.0)
-            if not chance or self._rng.random() >= of.get("loss", 0.0):
+            self._next_update[a] = time + of.get("update", 0.0)
+            if self._rng.random() >= of.get("loss", 0.0):
                 late = max(of.get("delay", 0.0), 0.0) + of.get("jitter", 0.0) * self._rng.random()
                 # What was sent earlier and arrives later undoes nothing.
                 while self._under_way[a] and self._under_way[a][-1][0] >= time + late:

@@ -56,8 +56,8 @@ def is_bag(path: Path) -> bool:
     return path.suffix.lower() in BAGS
 
 
-def read_bag(path: Path, mapping: Map) -> tuple[dict[str, Array], list[str]]:
-    """The channels that a map names, as `MessageColumns` gives them.
+def read_bag(path: Path, mapping: Map, hollow: bool = False) -> tuple[dict[str, Array], list[str]]:
+    """The channels that a map names, as `MessageColumns` gives them; ``hollow``: without those that hold no number.
 
     Returns:
         (columns, among them BAG_TIME [s] from the first stamp on; warnings)
@@ -74,7 +74,7 @@ def read_bag(path: Path, mapping: Map) -> tuple[dict[str, Array], list[str]]:
             gathered.take(connection.topic, log_time, _decode(reader, raw, connection.msgtype, path))
     for topic in gathered.silent:
         raise GapInputError(f"{path}: topic {topic!r} holds no messages")
-    return gathered.columns()
+    return gathered.columns(hollow)
 
 
 class MessageColumns:
@@ -141,8 +141,10 @@ class MessageColumns:
                 if one.row.topic == topic:
                     one.forget(old)
 
-    def columns(self) -> tuple[dict[str, Array], list[str]]:
+    def columns(self, hollow: bool = False) -> tuple[dict[str, Array], list[str]]:
         """Columns on the stamps of all channels together, NaN where a channel has no sample; and warnings.
+
+        With ``hollow``, a channel that holds no finite number is left out.
 
         BAG_TIME [s] is among them, counted from the first stamp that this was called with.
 
@@ -152,7 +154,9 @@ class MessageColumns:
         warnings: list[str] = []
         clocks = _clock(self._mapping, self._received, self._stamped, self._source, warnings)
         samples = {
-            place: one.samples(np.array(clocks[str(one.row.topic)], np.int64)) for place, one in self._series.items()
+            place: one.samples(np.array(clocks[str(one.row.topic)], np.int64))
+            for place, one in self._series.items()
+            if not hollow or one.holds_numbers
         }
         grid: Ints = np.unique(np.concatenate([stamps for stamps, _ in samples.values()]))
         self._origin = int(grid[0]) if self._origin is None else self._origin
@@ -179,7 +183,7 @@ def topics(path: Path) -> list[Topic]:
                 first[connection.topic] = Topic(
                     connection.topic, connection.msgtype, counts[connection.topic], _fields(message)
                 )
-                if len(first) == len(counts):
+                if len(first) == sum(count > 0 for count in counts.values()):
                     break
     return [first[name] for name in sorted(first)]
 
@@ -291,6 +295,11 @@ class _Series:
     def forget(self, count: int) -> None:
         """Forget the first messages."""
         del self._values[:count]
+
+    @property
+    def holds_numbers(self) -> bool:
+        """Whether any of its values is finite."""
+        return any(np.isfinite(value) for values in self._values for _, value in values)
 
     def samples(self, times: Ints) -> tuple[Ints, Array]:
         """(stamps [ns], ascending and each once; values) where the messages' own times are ``times``."""
@@ -414,7 +423,8 @@ def _fields(message: Any, prefix: str = "", names: Sequence[str] | None = None) 
     names = _names_of(message) or names
     for name in _message_fields(message):
         value, path = getattr(message, name), f"{prefix}{name}"
-        if name in ("header", "time_from_start") or isinstance(value, str):
+        # A name in capitals is a constant of the message's type.
+        if name in ("header", "time_from_start") or isinstance(value, str) or name.isupper():
             continue
         if isinstance(value, bool | int | float | np.number | np.bool_):
             found[path] = None

@@ -195,7 +195,8 @@ def input_channel(model: mujoco.MjModel, row: InputRow, where: str, mapping: Map
     }[row.kind]
     scale, _ = factor(row.unit, pick[2] if tendon else pick[0] if angular else pick[1], where)
     position, velocity = is_servo(model, index, 1), is_servo(model, index, 2)
-    if row.kind == "position" and not position:
+    # A servo without any gain is there and gives nothing, as where its cable came off.
+    if row.kind == "position" and not position and gain != 0.0:
         hint = "add it to gains, with the robot's own kp and kd"
         raise GapInputError(f"{where}: actuator {row.actuator!r} is no position servo; {hint}")
     # A position command may come with a velocity and a torque in advance: they add to it, each in its own scale.

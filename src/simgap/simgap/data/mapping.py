@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from simgap.data.errors import GapInputError
+from simgap.data.errors import GapInputError, nearest
 from simgap.data.faults import first_fault
 
 Kind = Literal["position", "velocity", "torque", "voltage"]
@@ -17,6 +18,8 @@ Component = Literal["x", "y", "z", "w", "roll", "pitch", "yaw"]
 BAG_TIME = "time"
 """Column [s] that a bag's stamps become."""
 
+ALL = "all"
+"""Key of `gains` for the actuators that have none of their own."""
 LARGEST_MAP = 50_000
 """Bytes. A map of a hundred channels has 10 000; PyYAML takes seconds for this."""
 DEEPEST = 20
@@ -171,6 +174,75 @@ class EnabledRow(ChannelRow):
     """Whether the servos give torque: true or 1; while it is false or 0 they give none, whatever they are told."""
 
 
+class Way(NamedTuple):
+    """The field of a variant's path that holds a quantity, and its range, without ``low`` itself where ``open``."""
+
+    field: str
+    low: float = -math.inf
+    high: float = math.inf
+    open: bool = False
+
+
+_INPUTS = {
+    "scale": Way("scale"),
+    "offset": Way("offset"),
+    "delay": Way("delay"),
+    "rate_limit": Way("rate_limit", 0.0, open=True),
+    "play": Way("play", 0.0),
+    "loss": Way("loss", 0.0, 0.99),
+    "jitter": Way("jitter", 0.0),
+    "update": Way("update", 0.0, open=True),
+}
+SIGNALS = {
+    "command": _INPUTS,
+    "recording": _INPUTS,
+    "servo": {
+        "dead_band": Way("dead_band", 0.0),
+        "dead_band_in_part": Way("dead_band", 0.0),
+        "backlash": Way("backlash", 0.0),
+        "sag": Way("sag", 0.0),
+        "sag_reference": Way("sag_reference", 0.0, open=True),
+    },
+    "joint": {
+        "stribeck": Way("stribeck"),
+        "stribeck_speed": Way("stribeck_velocity", 0.0, open=True),
+        "load_friction": Way("load", 0.0),
+    },
+    "sensor": {
+        "scale": Way("scale"),
+        "bias": Way("bias"),
+        "delay": Way("delay"),
+        "lead": Way("lead"),
+        "limit": Way("limit", 0.0, open=True),
+        **{f"turned_about_{axis}": Way("turns", -1.0, 1.0) for axis in "xyz"},
+    },
+}
+"""By `where` and `quantity`: what a signal may be. The words are those of `simgap.correction.signals`."""
+
+
+class SignalRow(_Row):
+    """What is known of the way of a signal beyond the model, in SI: `simgap apply --map` writes such rows."""
+
+    where: Literal["command", "recording", "servo", "joint", "sensor"]
+    name: str
+    quantity: str
+    value: float = Field(allow_inf_nan=False)
+
+    @model_validator(mode="after")
+    def _range(self) -> SignalRow:
+        ways = SIGNALS[self.where]
+        if self.quantity not in ways:
+            raise ValueError(f"a {self.where} has no {self.quantity}; {nearest(self.quantity, ways, 'quantity')}")
+        way = ways[self.quantity]
+        if not way.low <= self.value <= way.high or (way.open and self.value == way.low):
+            least = f"more than {way.low:g}" if way.open else f"at least {way.low:g}"
+            most = f" and at most {way.high:g}" if math.isfinite(way.high) else ""
+            raise ValueError(f"{self.quantity} must be {least}{most}, not {self.value:g}")
+        if self.quantity == "scale" and self.value == 0.0:
+            raise ValueError("scale must not be 0")
+        return self
+
+
 class Map(_Row):
     """A whole MAP.yaml (see docs/gap.md for an example)."""
 
@@ -181,7 +253,20 @@ class Map(_Row):
     segments: SegmentRow | None = None
     auxiliary: tuple[AuxiliaryRow, ...] = ()
     enabled: EnabledRow | None = None
+    signals: tuple[SignalRow, ...] = ()
     source: str = Field(default="map", exclude=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _gains_of_all(cls, data: Any) -> Any:
+        """Gains under `all` are those of every actuator that is told a position and has none of its own."""
+        gains, inputs = (data.get(key) if isinstance(data, dict) else None for key in ("gains", "inputs"))
+        if not isinstance(gains, dict) or not isinstance(inputs, list | tuple) or ALL not in gains:
+            return data
+        rows = [row for row in inputs if isinstance(row, dict) and row.get("kind") == "position"]
+        told = [row["actuator"] for row in rows if isinstance(row.get("actuator"), str)]
+        own = {name: row for name, row in gains.items() if name != ALL}
+        return data if ALL in told or not told else {**data, "gains": {**dict.fromkeys(told, gains[ALL]), **own}}
 
     @model_validator(mode="after")
     def _columns(self) -> Map:

@@ -19,6 +19,7 @@ from simgap.data.channels import (
     sensor_of,
 )
 from simgap.data.errors import GapInputError
+from simgap.data.known import Known, known_signals
 from simgap.data.mapping import GainRow, Map
 from simgap.data.setup import AS_MODELLED, Setup, setups
 
@@ -45,6 +46,8 @@ class Plant:
     """In what runs differ; that of the model first."""
     setup_of: dict[float, int] = field(default_factory=dict)
     """Which of them a run has, by its number; that of the model where it is not named."""
+    known: tuple[Known, ...] = ()
+    """What the map knows of the ways of signals; every variant begins there."""
 
     def read(self, sensordata: Array) -> Array:
         """Output channels (..., no) from sensordata (..., nsensordata)."""
@@ -136,7 +139,8 @@ def build_plant(spec: mujoco.MjSpec, mapping: Map) -> Plant:
     for channel in inputs:
         if channel.actuator >= 0:
             model.actuator_ctrllimited[channel.actuator] = 0
-    return Plant(model, inputs, outputs, mapping, warnings, frozenset(), frozenset(), *setups(model, mapping))
+    known = known_signals(model, inputs, outputs, mapping)
+    return Plant(model, inputs, outputs, mapping, warnings, frozenset(), frozenset(), *setups(model, mapping), known)
 
 
 def _compile(spec: mujoco.MjSpec, mapping: Map) -> mujoco.MjModel:

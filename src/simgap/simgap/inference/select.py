@@ -145,8 +145,10 @@ class Selector:
             return None
         gain = self.scores.difference(result.reference.fit, first.fit)
         found = replace(result, best=first, singles=[], rivals=[first], gains=[gain], unrivalled=set())
+        # Where the time is over while needless ones are taken out, what is left of them by then is the best so far.
+        self._found = found
         self._drop(found)
-        self._keep(found)
+        self._found = replace(found)
         return found
 
     @staticmethod

@@ -12,60 +12,20 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.data.bag import is_bag, read_bag, topics
+from simgap.data.bag import is_bag
 from simgap.data.channels import is_servo, model_names
 from simgap.data.errors import GapInputError
-from simgap.data.mapping import BAG_TIME, parse_map
-from simgap.data.tables import load_table
+from simgap.data.mapping import ALL
+from simgap.preparation.columns import ENABLED, RUN, TIME, Column, bare, columns_of, words_of
+from simgap.preparation.floating import body_rows
 
 Array = NDArray[np.float64]
 Ask = Callable[[str, str], str]
 """Takes a question and a default, gives the answer."""
 Obj = mujoco.mjtObj
 
-_COMMAND = {"cmd", "command", "commands", "commanded", "goal", "target", "des", "desired", "action", "actions"} | {
-    *("ctrl", "control", "setpoint", "reference", "ref", "u", "leader"),
-}
-_QUANTITIES = {
-    "position": {"q", "pos", "position", "positions", "angle", "theta", "qpos"},
-    "velocity": {"dq", "qd", "vel", "velocity", "velocities", "speed", "omega", "qvel"},
-    "torque": {"tau", "torque", "torques", "effort", "efforts", "trq"},
-}
-_TIME = {"t", "time", "timestamp", "stamp", "seconds", "sec"}
-_RUN = {"run", "episode", "segment", "trial"}
-_ENABLED = {"enable", "enabled"}
-_BESIDE = {
-    "volts": "V",
-    "voltage": "V",
-    "battery": "V",
-    "vin": "V",
-    "current": "A",
-    "temp": "degC",
-    "temperature": "degC",
-}
-_GENERIC = {"joint", "joints", "state", "states", "observation", "measured", "present", "robot", "motor", "servo"} | {
-    *("actuator", "points", "data", "input", "actual", "index", "controller", "feedback", "rad", "deg"),
-}
 _SURE = 0.8
 """Correlation from which a column moves with another."""
-_MANY = 400
-"""Fields of a bag that are looked at."""
-
-
-@dataclass
-class _Column:
-    """A column or a field that a map may name: its row, its words, what they say it is, and its values."""
-
-    name: str
-    row: dict[str, Any]
-    words: list[str]
-    values: Array
-    command: bool = False
-    quantity: str = ""
-    full: tuple[str, ...] = ()
-    """Words of its name that say no role: the joint's, as the recording calls it."""
-    key: tuple[str, ...] = ()
-    """Of these, without those that any joint may have."""
 
 
 @dataclass
@@ -103,17 +63,19 @@ class Guess:
             lines += ["gains:", *(f"  {_scalar(name)}: {_flow(dict(g))}" for name, g in known.items())]
         if unknown := [name for name, g in self.gains.items() if g is None]:
             lines += [
-                "# gains of the robot's own controller, which no log tells; fill in and take out the #:",
-                "# gains:",
+                "# gains of the robot's own controller, which no log tells; fill in and take out the #; those of one",
+                f"# that has others go beside all, by its name ({', '.join(unknown)}):",
+                f"# gains: {{{ALL}: {{kp: , kd: }}}}",
             ]
-            lines += [f"#   {_scalar(name)}: {{kp: , kd: }}" for name in unknown]
         if self.segments is not None:
             lines.append(f"segments: {_flow(self.segments)}")
         if self.auxiliary:
             lines += ["auxiliary:", *(f"  - {_flow(row)}" for row in self.auxiliary)]
         if self.enabled is not None:
             lines.append(f"enabled: {_flow(self.enabled)}")
-        lines += [f"# not used: {name} ({why})" for name, why in self.unused]
+        # Of arrays and lists of a bag once for all elements.
+        left = dict.fromkeys((re.sub(r"\[[^\]]*\]$", "[...]", name), why) for name, why in self.unused)
+        lines += [f"# not used: {name} ({why})" for name, why in left]
         return "\n".join(lines) + "\n"
 
 
@@ -123,20 +85,19 @@ def guess_map(recording: Path, model: mujoco.MjModel, ask: Ask | None = None) ->
     Raises:
         GapInputError: the recording cannot be read, or nothing in it looks like an input or an output of the model.
     """
-    columns, guess = _columns(recording), Guess()
-    if is_bag(recording):
-        columns = [c for c in columns if c.name != BAG_TIME]
-    else:
+    joints, guess = [j for j in range(model.njnt) if model.jnt_type[j] in (2, 3)], Guess()
+    columns = columns_of(recording, lambda telling: _match(telling, model, joints))
+    if not is_bag(recording):
         guess.time = _take_time(columns, recording)
     _take_beside(columns, guess)
-    for column in columns:
-        _read_words(column)
-    joints = [j for j in range(model.njnt) if model.jnt_type[j] in (2, 3)]
     places = _match(columns, model, joints)
     _outputs(columns, places, model, joints, guess)
     _inputs(columns, places, model, joints, guess, ask)
+    if is_bag(recording):
+        guess.outputs += body_rows(recording, model)
+    seen = {row["topic"] for row, _ in guess.outputs if "topic" in row}
     for column in columns:
-        if column.name in guess.used:
+        if column.name in guess.used or (column.row.get("topic") in seen and column.name not in places):
             continue
         if not (column.command or column.quantity):
             why = "nothing says what it measures"
@@ -153,97 +114,60 @@ def guess_map(recording: Path, model: mujoco.MjModel, ask: Ask | None = None) ->
     return guess
 
 
-def _columns(recording: Path) -> list[_Column]:
-    if not is_bag(recording):
-        table = load_table(recording)
-        return [_Column(name, {"column": name}, _words(name), values) for name, values in table.items()]
-    rows: list[dict[str, Any]] = []
-    for topic in topics(recording):
-        for path, elements in topic.fields.items():
-            base = {"topic": topic.name, "field": path}
-            if isinstance(elements, list):
-                rows += [{**base, "named": name} for name in elements]
-            elif isinstance(elements, int):
-                rows += [{**base, "index": i} for i in range(min(elements, 64))]
-            else:
-                rows.append(base)
-    mapping = parse_map({"auxiliary": rows[:_MANY]})
-    table, _ = read_bag(recording, mapping)
-    found = []
-    for row, auxiliary in zip(rows, mapping.auxiliary, strict=False):
-        found.append(_Column(auxiliary.column, row, _words(auxiliary.column), table[auxiliary.column]))
-    return found
-
-
-def _words(name: str) -> list[str]:
-    parted = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", name)
-    return [w.lower() for w in re.split(r"[^A-Za-z0-9]+", parted) if w]
-
-
-def _take_time(columns: list[_Column], recording: Path) -> dict[str, Any]:
+def _take_time(columns: list[Column], recording: Path) -> dict[str, Any]:
     """The time column, taken out of ``columns``."""
-    for column in sorted(columns, key=lambda c: (not set(c.words) & _TIME, len(c.words))):
+    for column in sorted(columns, key=lambda c: (not set(c.words) & TIME, len(c.words))):
         steps = np.diff(column.values)
         steps = steps[np.isfinite(steps)]
-        if set(column.words) & _TIME and len(steps) and np.mean(steps > 0) > 0.5:
+        if set(column.words) & TIME and len(steps) and np.mean(steps > 0) > 0.5:
             columns.remove(column)
             step = float(np.median(steps[steps > 0]))
             unit = "s" if step < 0.3 else "ms" if step < 300 else "us" if step < 3e5 else "ns"
             return {"column": column.name, "unit": unit}
     raise GapInputError(
-        f"{recording}: no column looks like a time (names tried: {', '.join(sorted(_TIME))}); write the map by hand"
+        f"{recording}: no column looks like a time (names tried: {', '.join(sorted(TIME))}); write the map by hand"
     )
 
 
-def _take_beside(columns: list[_Column], guess: Guess) -> None:
+def _take_beside(columns: list[Column], guess: Guess) -> None:
     """Runs, torque switches, voltages and the like, taken out of ``columns``."""
     for column in list(columns):
-        words, values = set(column.words), column.values[np.isfinite(column.values)]
+        words, values = set(column.own), column.values[np.isfinite(column.values)]
         levels = np.unique(values)
-        if words & _RUN and guess.segments is None and 1 <= len(levels) < 0.1 * len(values) and (levels % 1 == 0).all():
+        if words & RUN and guess.segments is None and 1 <= len(levels) < 0.1 * len(values) and (levels % 1 == 0).all():
             guess.segments = dict(column.row)
-        elif words & _ENABLED and set(levels.tolist()) <= {0.0, 1.0}:
+        elif words & ENABLED and set(levels.tolist()) <= {0.0, 1.0}:
             if guess.enabled is None and len(levels):
                 guess.enabled = dict(column.row)
-        elif unit := next((_BESIDE[w] for w in column.words if w in _BESIDE), None):
+        elif column.beside:
             if len(levels) > 1:
-                guess.auxiliary.append({**column.row, "unit": unit})
+                guess.auxiliary.append({**column.row, "unit": column.beside})
         else:
             continue
         columns.remove(column)
 
 
-def _read_words(column: _Column) -> None:
-    column.command = bool(set(column.words) & _COMMAND)
-    for quantity, names in _QUANTITIES.items():
-        if set(column.words) & names:
-            column.quantity = quantity
-    if not column.quantity and {"observation", "states", "state"} & set(column.words):
-        column.quantity = "position"
-    role = _COMMAND | set().union(*_QUANTITIES.values())
-    # Of a message that names its elements, the topic says nothing about which one it is.
-    words = _words(column.row["named"]) if "named" in column.row else column.words
-    column.full = tuple(w for w in words if w not in role)
-    column.key = _bare(column.full)
-
-
-def _match(columns: Sequence[_Column], model: mujoco.MjModel, joints: Sequence[int]) -> dict[str, int]:
+def _match(columns: Sequence[Column], model: mujoco.MjModel, joints: Sequence[int]) -> dict[str, int]:
     """Column name -> joint, from the words that are left."""
     names, driven = model_names(model, Obj.mjOBJ_JOINT), model_names(model, Obj.mjOBJ_ACTUATOR)
-    own = {j: _words(names[j]) for j in joints}
-    told = {_joint_of(model, a): _words(name) for a, name in enumerate(driven) if _joint_of(model, a) in own}
+    own = {j: words_of(names[j]) for j in joints}
+    told = {_joint_of(model, a): words_of(name) for a, name in enumerate(driven) if _joint_of(model, a) in own}
     candidates = [c for c in columns if c.command or c.quantity]
-    numbers = {int(c.key[-1]) for c in candidates if c.key and c.key[-1].isdigit()}
-    first = 0 if 0 in numbers else 1
+    numbered = [c.key for c in candidates if c.key and c.key[-1].isdigit()]
+    first = 0 if any(int(key[-1]) == 0 for key in numbered) else 1
+    # Numbers count joints only where they are all that tells the columns apart: tail_1 beside spine_1 counts parts.
+    counted = len({key[:-1] for key in numbered}) == 1
     places: dict[str, int] = {}
     for column in candidates:
         order = (told, own) if column.command else (own, told)
-        number = int(column.key[-1]) - first if column.key and column.key[-1].isdigit() else column.row.get("index", -1)
+        number = column.row.get("index", -1) if column.size in (len(joints), model.nu) else -1
+        if "index" not in column.row and counted and column.key and column.key[-1].isdigit():
+            number = int(column.key[-1]) - first
         found = (
             _only(j for known in (own, told) for j, words in known.items() if column.full == tuple(words))
-            or _only(j for j, words in order[0].items() if column.key == _bare(words))
-            or _only(j for j, words in order[1].items() if column.key == _bare(words))
-            or _only(j for j, words in own.items() if _bare(words) and set(_bare(words)) <= set(column.key))
+            or _only(j for j, words in order[0].items() if column.key == bare(words))
+            or _only(j for j, words in order[1].items() if column.key == bare(words))
+            or _only(j for j, words in own.items() if bare(words) and set(bare(words)) <= set(column.key))
             or ([joints[number]] if 0 <= number < len(joints) else [])
             or (list(joints) if not column.key and len(joints) == 1 else [])
         )
@@ -258,17 +182,13 @@ def _only(found: Iterable[int]) -> list[int]:
     return list(several) if len(several) == 1 else []
 
 
-def _bare(words: Sequence[str]) -> tuple[str, ...]:
-    return tuple(w for w in words if w not in _GENERIC)
-
-
 def _joint_of(model: mujoco.MjModel, actuator: int) -> int:
     at_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
     return int(model.actuator_trnid[actuator, 0]) if at_joint else -1
 
 
 def _outputs(
-    columns: Sequence[_Column],
+    columns: Sequence[Column],
     places: dict[str, int],
     model: mujoco.MjModel,
     joints: Sequence[int],
@@ -293,7 +213,7 @@ def _outputs(
                     guess.open.append(f"{column.name}: {why}")
 
 
-def _to_joint(column: _Column, joint: str) -> dict[str, Any]:
+def _to_joint(column: Column, joint: str) -> dict[str, Any]:
     """A column's row, where a joint is named: what the message calls it is said only where it is called otherwise."""
     row = dict(column.row)
     if row.get("named") == joint:
@@ -302,11 +222,11 @@ def _to_joint(column: _Column, joint: str) -> dict[str, Any]:
 
 
 def _unit(
-    column: _Column,
+    column: Column,
     quantity: str,
     joint: int,
     model: mujoco.MjModel,
-    columns: Sequence[_Column],
+    columns: Sequence[Column],
     places: dict[str, int],
 ) -> tuple[str, str]:
     """(unit, doubt) of a position or a rate, from the range of its joint or the slope of its position."""
@@ -334,7 +254,7 @@ def _unit(
 
 
 def _inputs(
-    columns: Sequence[_Column],
+    columns: Sequence[Column],
     places: dict[str, int],
     model: mujoco.MjModel,
     joints: Sequence[int],
@@ -383,11 +303,11 @@ def _inputs(
 
 
 def _command(
-    column: _Column,
+    column: Column,
     actuator: int,
     joint: int,
     model: mujoco.MjModel,
-    columns: Sequence[_Column],
+    columns: Sequence[Column],
     places: dict[str, int],
 ) -> tuple[dict[str, Any], str]:
     """(row, why or doubt) of a command to an actuator."""
@@ -410,7 +330,9 @@ def _command(
         unit = {"velocity": ("rad/s", "m/s"), "torque": ("N m", "N")}[kind][slide]
     why = ""
     if kind == "position" and position is not None:
-        if alike < -_SURE:
+        if np.ptp(_filled(column.values)) == 0.0:
+            why = "never changes"
+        elif alike < -_SURE:
             why = f"moves against {position.name} ({alike:.2f}): is a sign wrong (`sign: -1`)?"
         elif alike < 0.3:
             why = f"hardly moves with {position.name} ({alike:.2f}): is it this joint's?"

@@ -119,7 +119,7 @@ class Replayer:
         for run in aligned.runs:
             inside = (windows.start >= run.start) & (windows.start < run.stop)
             self._run_start[inside], self._run_stop[inside], self._setup[inside] = run.start, run.stop, run.setup
-        self.state = self._measured(OutputPath.neutral(plant))
+        self.state = self._measured(Variant.nominal(plant).outputs)
         self._always_on = bool(aligned.enabled.all())
         self._start: Array | None = None
         if not self.state.complete(plant.model):

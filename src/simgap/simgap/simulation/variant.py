@@ -141,8 +141,8 @@ class Variant:
 
     @classmethod
     def nominal(cls, plant: Plant) -> Variant:
-        """The nominal model with neutral paths."""
-        return cls(
+        """The nominal model; its paths are neutral but for what the map knows of them."""
+        made = cls(
             plant,
             copy.copy(plant.model),
             InputPath.neutral(plant),
@@ -150,6 +150,9 @@ class Variant:
             FrictionPath.neutral(plant),
             OutputPath.neutral(plant),
         )
+        for known in plant.known:
+            known.enter(made)
+        return made
 
     def set_up(self, setup: Setup) -> Variant:
         """The same as some runs have it."""
