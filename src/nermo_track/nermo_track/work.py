@@ -1,0 +1,161 @@
+"""From films to poses in a recording's time: each film tracked, its clock fitted, all of them made one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nermo_description.robots import load_robot
+from nermo_node.recording_reader import Recording
+from nermo_track.camera import Camera
+from nermo_track.clock import Clock, Motion, fit_clock
+from nermo_track.commands import Commands, expected_motion, recorded_commands, recorded_robot
+from nermo_track.errors import TrackError
+from nermo_track.film import Film
+from nermo_track.fuse import Disagreement, Poses, fuse
+from nermo_track.layout import Layout
+from nermo_track.recording import copy_rest, find, write_beside
+from nermo_track.sightings import sight
+from nermo_track.track import Track, track
+
+Say = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A film and who took it."""
+
+    film: Path
+    camera: Camera
+    fps: float | None = None
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """One film's poses, and its clock where there is a recording."""
+
+    shot: Shot
+    track: Track
+    clock: Clock | None
+
+    def report(self) -> dict[str, Any]:
+        """As a command's JSON file has it."""
+        found, missing = self.track, self.track.missing
+        facts: dict[str, Any] = {
+            "film": str(self.shot.film),
+            "pictures": missing.pictures,
+            "poses": len(found.time),
+            "lost": missing.lost,
+            "misfit": missing.misfit,
+            "jump": missing.jump,
+            "missing_share": missing.share,
+            "longest_gap_s": missing.longest,
+            "corner_deviation_px": found.corner_deviation,
+            "blur_px": found.blur,
+            "camera_height_m": found.camera_height,
+            "floor_motion_px": found.floor_motion,
+            "position_sd_mm": [1e3 * value for value in _deviation(found)[:3]],
+            "rotation_sd_deg": [float(np.degrees(value)) for value in _deviation(found)[3:]],
+        }
+        if self.clock is not None:
+            facts |= {
+                "clock_offset_s": self.clock.offset,
+                "clock_sd_ms": 1e3 * self.clock.deviation,
+                "clock_rate_ppm": 1e6 * self.clock.rate,
+                "clock_agreement": self.clock.agreement,
+                "clock_beats_se": self.clock.beats,
+                "overlap_s": self.clock.overlap,
+            }
+        return facts
+
+
+@dataclass(frozen=True)
+class Written:
+    """A recording with the tracker's poses in it."""
+
+    films: list[Tracked]
+    robot: str
+    topic: str
+    poses: int
+    """How many were written: those of the time in which the mouse was commanded."""
+    apart: list[Disagreement]
+    out: Path
+
+
+def follow(shot: Shot, layout: Layout, say: Say) -> Tracked:
+    """One film's poses in its own time.
+
+    Raises:
+        TrackError: the film cannot be used, or is of another camera.
+    """
+    film, camera = Film(shot.film, shot.fps), shot.camera
+    if (film.width, film.height) != (camera.width, camera.height):
+        raise TrackError(
+            f"{shot.film}: has {film.width} x {film.height} pixels, its camera was calibrated with {camera.width} x "
+            f"{camera.height}; film both with the same settings"
+        )
+    sightings = sight(film, layout, lambda share: say("tags", share))
+    return Tracked(shot, track(sightings, camera, layout, str(shot.film)), None)
+
+
+def into_recording(
+    shots: Sequence[Shot], layout: Layout, source: Path, out: Path, robot: str | None, say: Say
+) -> Written:
+    """Films' poses written beside a recording's commands, into a new folder.
+
+    Raises:
+        TrackError: a film cannot be used, or its clock cannot be told.
+        RecordingError: the recording cannot be used, or ``out`` cannot be written.
+        ParameterError: the robot's parameters cannot be read.
+    """
+    bag, folder = find(source)
+    recording = Recording(bag)
+    parameters = load_robot(robot or recorded_robot(recording) or "nermo_lite")
+    commands = recorded_commands(recording, parameters)
+    films = [follow(shot, layout, say) for shot in shots]
+    expected = expected_motion(commands, parameters, lambda share: say("twin", share))
+    timed = [on_clock(film, expected) for film in films]
+    poses, apart = fuse([poses_of(film) for film in timed])
+    poses = _commanded(poses, commands)
+    inside = out if folder == bag else out / bag.name
+    topic = write_beside(
+        recording,
+        inside,
+        commands.topic,
+        commands.at(poses.time),
+        poses.position,
+        poses.rotation,
+        poses.covariance,
+    )
+    if folder != bag:
+        copy_rest(folder, out)
+    return Written(timed, parameters.name, topic, len(poses.time), apart, out)
+
+
+def on_clock(film: Tracked, expected: Motion) -> Tracked:
+    """A film with the clock by which it agrees with what was expected. Raises TrackError if it cannot be told."""
+    seen = Motion(film.track.time, film.track.position, film.track.rotation)
+    return replace(film, clock=fit_clock(seen, expected, str(film.shot.film)))
+
+
+def poses_of(film: Tracked) -> Poses:
+    """A film's poses in the recording's time, or in its own where it has no clock."""
+    found = film.track
+    time = found.time if film.clock is None else film.clock.at(found.time)
+    return Poses(time, found.position, found.rotation, found.covariance)
+
+
+def _commanded(poses: Poses, commands: Commands) -> Poses:
+    """Those of the time in which the mouse was commanded."""
+    last = float(commands.stamp[-1] - commands.stamp[0]) * 1e-9
+    kept = (poses.time >= 0.0) & (poses.time <= last)
+    return Poses(poses.time[kept], poses.position[kept], poses.rotation[kept], poses.covariance[kept])
+
+
+def _deviation(found: Track) -> list[float]:
+    """Median standard deviations [m, rad]."""
+    return [float(value) for value in np.sqrt(np.median(np.diagonal(found.covariance, axis1=1, axis2=2), axis=0))]
