@@ -35,7 +35,7 @@ STILL = 3.0
 """[px] Mean way of the board's corners from one picture to the next, up to which it is held still: else it is smeared,
 and a rolling shutter bends it."""
 LOOKED_AT = 300
-"""Pictures of a film in which the board is looked for, with the one after each: finding it takes a fifth of a second."""
+"""Pictures of a film in which the board is looked for, with the one after each: finding it takes 0.2 s."""
 MOST_ERROR = 1.0
 """[px] Root mean square of the reprojection. Chosen: a good lens has 0.1 to 0.3, a wrong model or a bent board more."""
 MOST_FOCAL = 0.01

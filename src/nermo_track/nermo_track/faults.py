@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
-NEIGHBOURS = 9
-"""Pictures in a row in which one that stands alone is told."""
+PAIRS = 6
+"""Neighbours on each side by which a pose is judged: 0.2 s at 30 Hz, less than a step."""
+LEAST_PAIRS = 3
+"""Fewer at a film's ends, where one bad pose would outvote a good one, judge nothing."""
+LEAST_POSES = 2 * PAIRS + 1
+"""A film with fewer is none."""
 FAR = 6.0
 """Robust standard deviations from its neighbours from which on a pose is an outlier. Chosen: one good sample in 10^8
 were it Gaussian; a wrong pose is tens of them off."""
@@ -54,23 +57,39 @@ def longest_gap(time: Array, kept: NDArray[np.int64]) -> float:
     return float(widest.max()) * step
 
 
-def outliers(position: Array, rotation: Rotation, spread: Array) -> NDArray[np.bool_]:
-    """(n,) Which poses stand alone: farther from the median of their neighbours than noise and motion take them.
+def outliers(time: Array, position: Array, rotation: Rotation, spread: Array) -> NDArray[np.bool_]:
+    """(n,) Which poses stand alone.
+
+    Each pair of neighbours, one before and one after, says where a pose is on the straight way between them. A pose is
+    an outlier where it is farther from the median of what they say than its own noise and their scatter take it.
 
     Args:
+        time: (n,) [s]
         position: (n, 3) [m]
         rotation: n of them.
         spread: (n, 6, 6) Covariances.
     """
-    half = NEIGHBOURS // 2
-    rows = np.clip(np.arange(-half, len(position) + half), 0, len(position) - 1)
-    windows = sliding_window_view(rows, NEIGHBOURS)
-    near = np.repeat(np.arange(len(position)), NEIGHBOURS)
-    relative = (rotation[near].inv() * rotation[windows.ravel()]).as_rotvec().reshape(len(position), NEIGHBOURS, 3)
-    found = np.zeros(len(position), dtype=bool)
-    for values, block in ((position[windows] - position[:, None], slice(0, 3)), (relative, slice(3, 6))):
-        middle = np.median(values, axis=1, keepdims=True)
-        scatter = 1.4826 * np.median(np.linalg.norm(values - middle, axis=2), axis=1)
-        own = np.sqrt(np.trace(spread[:, block, block], axis1=1, axis2=2))
-        found |= np.linalg.norm(middle[:, 0], axis=1) > FAR * np.hypot(scatter, own)
+    count = len(time)
+    here, apart = np.arange(count), np.arange(1, PAIRS + 1)
+    before, after = here[:, None] - apart, here[:, None] + apart
+    there = (before >= 0) & (after < count)
+    before, after = np.maximum(before, 0), np.minimum(after, count - 1)
+    share = ((time[:, None] - time[before]) / np.maximum(time[after] - time[before], 1e-9))[..., None]
+    found = np.zeros(count, dtype=bool)
+    judged = there.sum(axis=1) >= LEAST_PAIRS
+    for values, block in (
+        ([position[rows] - position[:, None] for rows in (before, after)], slice(0, 3)),
+        ([_turned(rotation, here, rows) for rows in (before, after)], slice(3, 6)),
+    ):
+        said = np.where(there[..., None], values[0] + share * (values[1] - values[0]), np.nan)[judged]
+        middle = np.nanmedian(said, axis=1)
+        scatter = 1.4826 * np.nanmedian(np.linalg.norm(said - middle[:, None], axis=2), axis=1)
+        own = np.sqrt(np.trace(spread[judged][:, block, block], axis1=1, axis2=2))
+        found[judged] |= np.linalg.norm(middle, axis=1) > FAR * np.hypot(scatter, own)
     return found
+
+
+def _turned(rotation: Rotation, here: NDArray[np.int64], rows: NDArray[np.int64]) -> Array:
+    """(n, pairs, 3) [rad] Rotation vectors from each pose to those of ``rows``."""
+    vectors = (rotation[rows.ravel()] * rotation[np.repeat(here, rows.shape[1])].inv()).as_rotvec()
+    return np.asarray(vectors.reshape(*rows.shape, 3), dtype=np.float64)

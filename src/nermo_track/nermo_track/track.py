@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from nermo_track.camera import Camera
 from nermo_track.errors import TrackError
-from nermo_track.faults import NEIGHBOURS, Missing, longest_gap, outliers
+from nermo_track.faults import LEAST_POSES, Missing, longest_gap, outliers
 from nermo_track.floor import LEAST_DEVIATION, find_floor
 from nermo_track.layout import Layout
 from nermo_track.pose import Fit, Placement, corner_points, covariance, fits
@@ -81,7 +81,7 @@ def track(sightings: Sightings, camera: Camera, layout: Layout, name: str) -> Tr
     raw = sightings.of(tuple(tag.id for tag in layout.mouse))
     seen = whole(raw)
     found = np.asarray(seen.any(axis=1), dtype=bool)
-    if found.sum() < NEIGHBOURS:
+    if found.sum() < LEAST_POSES:
         numbers = ", ".join(str(tag.id) for tag in layout.mouse)
         raise TrackError(
             f"{name}: the mouse's tags ({numbers}) are in {found.sum()} pictures only; "
@@ -92,7 +92,7 @@ def track(sightings: Sightings, camera: Camera, layout: Layout, name: str) -> Tr
     every = [fits(camera, layout.mouse, picture) for picture in corners]
     deviation = _corner_deviation(every, seen)
     picked, placed = _standing(every, seen, floor.world, deviation)
-    if len(placed) < NEIGHBOURS:
+    if len(placed) < LEAST_POSES:
         raise TrackError(
             f"{name}: the mouse's tags fit a pose in {len(placed)} pictures only; is it this camera's film?"
         )
@@ -102,7 +102,7 @@ def track(sightings: Sightings, camera: Camera, layout: Layout, name: str) -> Tr
     for row, (index, pose) in enumerate(zip(picked, placed, strict=True)):
         certain = np.hypot(deviation, BLUR_SHARE * blur[index][seen[index]].ravel())
         spread[row] = covariance(camera, floor.world, pose, corner_points(layout.mouse, seen[index]), certain)
-    alone = outliers(place, turn, spread)
+    alone = outliers(sightings.time[picked], place, turn, spread)
     kept = picked[~alone]
     missing = Missing(
         pictures=len(found),
