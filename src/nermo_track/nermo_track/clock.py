@@ -26,7 +26,9 @@ SURE = 4.0
 LEAST_OVERLAP = 4.0
 """[s] of film and commands together: three strides of a slow trot."""
 RATE_FROM = 20.0
-"""[s] of overlap from which on the rate is fitted as well: below, 100 ppm are lost in the offset."""
+"""[s] of film from which on the rate is fitted as well: below, the 100 ppm of a bad crystal are lost in the offset."""
+RATE_SURE = 3.0
+"""Standard deviations from none, from which on a rate is believed: a mouse that tires is late as well."""
 MOST_RATE = 3e-3
 """Largest share by which a film's clock may be wrong. 29.97 instead of 30 Hz is 1e-3."""
 
@@ -79,6 +81,8 @@ class _Agreement:
         step = np.diff(seen.time)
         used = step <= LONGEST_STEP
         self.begin, self.end = seen.time[:-1][used], seen.time[1:][used]
+        self.middle = float(np.mean(self.begin))
+        """[s] Of the film."""
         self.moved = np.diff(seen.path(), axis=0)[used]
         self._time, self._path = expected.time, expected.path()
         edges = np.linspace(0, len(self.begin), BLOCKS + 1).astype(int)
@@ -143,9 +147,9 @@ def fit_clock(seen: Motion, expected: Motion, name: str) -> Clock:
     tried = [agreement.moments(offset) for offset in offsets]
     scores = np.array([_evidence(sums.sum(axis=0)) for sums in tried])
     best = int(np.argmax(scores))
-    offset, rate = _refined(agreement, float(offsets[best]), length, None)
-    beats = _beaten(agreement.moments(offset, rate), tried, scores, np.abs(offsets - offsets[best]) > APART)
+    offset, rate, deviation = _fitted(agreement, float(offsets[best]), length >= RATE_FROM)
     sums = agreement.moments(offset, rate)
+    beats = _beaten(sums, tried, scores, np.abs(offsets - offsets[best]) > APART)
     explained = float(np.mean(_explained(sums.sum(axis=0))))
     overlap = float(sums.sum(axis=0)[0, 0] / max(len(agreement.begin), 1) * np.ptp(seen.time))
     if beats < SURE:
@@ -154,34 +158,44 @@ def fit_clock(seen: Motion, expected: Motion, name: str) -> Clock:
             f"(needed: {SURE:g}), and the commands explain {100.0 * explained:.0f} % of what is seen; is it a film of "
             "this recording? Film a start and a stop too: a walk that never changes looks alike after each stride"
         )
-    middle = float(np.mean(seen.time))
-    parts = np.array([_refined(agreement, offset, length, left_out, rate) for left_out in range(BLOCKS)])
-    at_middle = parts[:, 0] + (1.0 + parts[:, 1]) * middle
-    deviation = float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((at_middle - at_middle.mean()) ** 2)))
     return Clock(offset, rate, deviation, explained, beats, overlap)
 
 
+def _fitted(agreement: _Agreement, offset: float, with_rate: bool) -> tuple[float, float, float]:
+    """Offset [s], rate, and the standard deviation [s] in the middle of the film, by the jackknife over blocks."""
+    offset, rate = _refined(agreement, offset, 0.0, with_rate, None)
+    parts = np.array([_refined(agreement, offset, rate, with_rate, left_out) for left_out in range(BLOCKS)])
+    if with_rate and abs(rate) < RATE_SURE * _jackknife(parts[:, 1]):
+        return _fitted(agreement, offset + rate * agreement.middle, False)
+    return offset, rate, _jackknife(parts[:, 0] + (1.0 + parts[:, 1]) * agreement.middle)
+
+
+def _jackknife(parts: Array) -> float:
+    """Standard deviation of what was fitted, from fits (blocks,) that each leave one block out."""
+    return float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((parts - parts.mean()) ** 2)))
+
+
 def _refined(
-    agreement: _Agreement, offset: float, length: float, left_out: int | None, rate: float = 0.0
+    agreement: _Agreement, offset: float, rate: float, with_rate: bool, left_out: int | None
 ) -> tuple[float, float]:
-    """Offset [s] and rate near ``offset`` of most evidence, one block left out or none."""
-    middle = float(np.mean(agreement.begin))
+    """Offset [s] and rate of most evidence near those given, one block left out or none."""
     kept = np.arange(BLOCKS) != left_out
 
+    def clock(numbers: Array) -> tuple[float, float]:
+        slope = float(numbers[1]) * 1e-3 if with_rate else rate
+        # The rate turns about the middle of the film, so that the two hardly depend on each other.
+        return offset + float(numbers[0]) * COARSE + (rate - slope) * agreement.middle, slope
+
     def cost(numbers: Array) -> float:
-        slope = float(numbers[1]) * 1e-3 if len(numbers) > 1 else 0.0
+        begin, slope = clock(numbers)
         if abs(slope) > MOST_RATE:
             return 0.0
-        # The rate turns about the middle of the film, so that the two hardly depend on each other.
-        begin = offset + float(numbers[0]) * COARSE + (rate - slope) * middle
         return -_evidence(agreement.moments(begin, slope)[kept].sum(axis=0))
 
-    start = np.array([0.0, rate * 1e3]) if length >= RATE_FROM else np.zeros(1)
+    start = np.array([0.0, rate * 1e3]) if with_rate else np.zeros(1)
     simplex = start + np.vstack([np.zeros(len(start)), np.eye(len(start))])
     options = {"xatol": 1e-3, "fatol": 1e-3, "maxiter": 200, "initial_simplex": simplex}
-    found = minimize(cost, start, method="Nelder-Mead", options=options).x
-    slope = float(found[1]) * 1e-3 if len(found) > 1 else 0.0
-    return offset + float(found[0]) * COARSE + (rate - slope) * middle, slope
+    return clock(minimize(cost, start, method="Nelder-Mead", options=options).x)
 
 
 def _beaten(best: Array, tried: list[Array], scores: Array, other: NDArray[np.bool_]) -> float:

@@ -27,6 +27,8 @@ class Commands:
     """(n,) [ns] of ROS time, rising."""
     position: Array
     """(n, servos) [rad] In the robot's order."""
+    delay: int
+    """[ns] From a command's stamp until it was logged, median."""
 
     def at(self, time: Array) -> NDArray[np.int64]:
         """(m,) [ns] Stamps of times [s] since the first command."""
@@ -57,7 +59,7 @@ def recorded_commands(recording: Recording, robot: AnyRobot) -> Commands:
     stamp, first = np.unique(data.stamp, return_index=True)
     if len(stamp) < 2:
         raise RecordingError(f"{recording.path}: {topic} holds {len(stamp)} commands; a clock needs more")
-    return Commands(topic, stamp, position[first])
+    return Commands(topic, stamp, position[first], int(np.median(data.log_time - data.stamp)))
 
 
 def expected_motion(commands: Commands, robot: AnyRobot, say: Callable[[float], None] = lambda share: None) -> Motion:

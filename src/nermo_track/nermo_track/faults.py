@@ -61,7 +61,8 @@ def outliers(time: Array, position: Array, rotation: Rotation, spread: Array) ->
     """(n,) Which poses stand alone.
 
     Each pair of neighbours, one before and one after, says where a pose is on the straight way between them. A pose is
-    an outlier where it is farther from the median of what they say than its own noise and their scatter take it.
+    an outlier where it is farther from the median of what they say than its own noise and their scatter take it, and
+    is not on the way from those before to those after: a mouse whose servos step jumps from one picture to the next.
 
     Args:
         time: (n,) [s]
@@ -73,20 +74,33 @@ def outliers(time: Array, position: Array, rotation: Rotation, spread: Array) ->
     here, apart = np.arange(count), np.arange(1, PAIRS + 1)
     before, after = here[:, None] - apart, here[:, None] + apart
     there = (before >= 0) & (after < count)
-    before, after = np.maximum(before, 0), np.minimum(after, count - 1)
-    share = ((time[:, None] - time[before]) / np.maximum(time[after] - time[before], 1e-9))[..., None]
-    found = np.zeros(count, dtype=bool)
     judged = there.sum(axis=1) >= LEAST_PAIRS
+    before, after = np.maximum(before, 0), np.minimum(after, count - 1)
+    share = (time[:, None] - time[before]) / np.maximum(time[after] - time[before], 1e-9)
+    found = np.zeros(count, dtype=bool)
     for values, block in (
         ([position[rows] - position[:, None] for rows in (before, after)], slice(0, 3)),
         ([_turned(rotation, here, rows) for rows in (before, after)], slice(3, 6)),
     ):
-        said = np.where(there[..., None], values[0] + share * (values[1] - values[0]), np.nan)[judged]
-        middle = np.nanmedian(said, axis=1)
-        scatter = 1.4826 * np.nanmedian(np.linalg.norm(said - middle[:, None], axis=2), axis=1)
+        sides = [np.where(there[..., None], side, np.nan)[judged] for side in values]
         own = np.sqrt(np.trace(spread[judged][:, block, block], axis1=1, axis2=2))
-        found[judged] |= np.linalg.norm(middle, axis=1) > FAR * np.hypot(scatter, own)
+        found[judged] |= _far(sides, share[judged][..., None], own) & _beyond(sides, own)
     return found
+
+
+def _far(sides: list[Array], share: Array, own: Array) -> NDArray[np.bool_]:
+    """(n,) Which poses, at zero, are far from the middle of what pairs of ``sides`` (n, pairs, 3) say."""
+    said = sides[0] + share * (sides[1] - sides[0])
+    middle = np.nanmedian(said, axis=1)
+    scatter = 1.4826 * np.nanmedian(np.linalg.norm(said - middle[:, None], axis=2), axis=1)
+    return np.asarray(np.linalg.norm(middle, axis=1) > FAR * np.hypot(scatter, own), dtype=bool)
+
+
+def _beyond(sides: list[Array], own: Array) -> NDArray[np.bool_]:
+    """(n,) Which poses, at zero, are outside of the box from the nearest on one side to those on the other."""
+    ends = np.stack([np.nanmedian(side[:, :LEAST_PAIRS], axis=1) for side in sides])
+    excess = np.maximum(np.maximum(ends.min(axis=0), -ends.max(axis=0)), 0.0)
+    return np.asarray(np.linalg.norm(excess, axis=1) > FAR * own, dtype=bool)
 
 
 def _turned(rotation: Rotation, here: NDArray[np.int64], rows: NDArray[np.int64]) -> Array:

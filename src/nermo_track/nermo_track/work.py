@@ -18,7 +18,7 @@ from nermo_track.errors import TrackError
 from nermo_track.film import Film
 from nermo_track.fuse import Disagreement, Poses, fuse
 from nermo_track.layout import Layout
-from nermo_track.recording import copy_rest, find, write_beside
+from nermo_track.recording import Source, write_beside
 from nermo_track.sightings import sight
 from nermo_track.track import Track, track
 
@@ -112,8 +112,8 @@ def into_recording(
         RecordingError: the recording cannot be used, or ``out`` cannot be written.
         ParameterError: the robot's parameters cannot be read.
     """
-    bag, folder = find(source)
-    recording = Recording(bag)
+    origin = Source.at(source)
+    recording = Recording(origin.bag)
     parameters = load_robot(robot or recorded_robot(recording) or "nermo_lite")
     commands = recorded_commands(recording, parameters)
     films = [follow(shot, layout, say) for shot in shots]
@@ -121,18 +121,7 @@ def into_recording(
     timed = [on_clock(film, expected) for film in films]
     poses, apart = fuse([poses_of(film) for film in timed])
     poses = _commanded(poses, commands)
-    inside = out if folder == bag else out / bag.name
-    topic = write_beside(
-        recording,
-        inside,
-        commands.topic,
-        commands.at(poses.time),
-        poses.position,
-        poses.rotation,
-        poses.covariance,
-    )
-    if folder != bag:
-        copy_rest(folder, out)
+    topic = write_beside(origin, recording, commands, poses, out)
     return Written(timed, parameters.name, topic, len(poses.time), apart, out)
 
 

@@ -110,6 +110,18 @@ def test_poses_that_stand_alone_are_found_and_no_others(places: set[int], far: f
     assert set(np.flatnonzero(outliers(time, place, Rotation.from_rotvec(rotvec) * turn, spread))) == rows
 
 
+@given(row=st.integers(10, 180), size=st.floats(0.01, 0.1), between=st.floats(0.0, 1.0))
+def test_a_mouse_that_jumps_is_no_outlier(row: int, size: float, between: float) -> None:
+    """From one place to another within two pictures, the middle one anywhere on the way."""
+    random, time = np.random.default_rng(3), np.arange(200) / 30.0
+    step = np.where(np.arange(200) < row, 0.0, 1.0)
+    step[row] = between
+    place = np.outer(step, [size, 0.2 * size, -0.1 * size]) + 3e-4 * random.standard_normal((200, 3))
+    turn = Rotation.from_rotvec(np.outer(step, [0.0, 5.0 * size, 0.0]) + 2e-3 * random.standard_normal((200, 3)))
+    spread = np.tile(np.diag([3e-4] * 3 + [2e-3] * 3) ** 2, (200, 1, 1))
+    assert not outliers(time, place, turn, spread).any()
+
+
 def test_the_longest_gap_counts_the_ends() -> None:
     time = np.arange(10) / 10.0
     assert longest_gap(time, np.array([2, 3, 7])) == pytest.approx(0.3)
