@@ -18,7 +18,9 @@ COARSE = 0.02
 LONGEST_STEP = 0.1
 """[s] Two pictures farther apart say nothing of a motion."""
 BLOCKS = 8
-"""Parts of a film, each left out once (jackknife): what the clock's uncertainty is taken from."""
+"""Parts of a film, each left out once (jackknife): what the clock's uncertainty is taken from. So is each of the six
+motions: a mouse that is not the twin is earlier than it in one and later in another."""
+MOTIONS = 6
 APART = 0.1
 """[s] From this far on another peak is another clock, and not the same one's side."""
 SURE = 4.0
@@ -106,14 +108,14 @@ class _Agreement:
 def _evidence(sums: Array) -> float:
     """What motions' correlations tell [nats]: how much less is left unexplained by the expected than by nothing.
 
-    A motion that goes against what is expected tells nothing. ``sums`` (6, 6): as `_Agreement.moments`, a block's or
-    several blocks' together.
+    A motion that goes against what is expected tells nothing. ``sums`` (motions, 6): as `_Agreement.moments`, a
+    block's or several blocks' together.
     """
     return float(-0.5 * sums[0, 0] * np.sum(np.log1p(-np.minimum(_explained(sums), 1.0 - 1e-12))))
 
 
 def _explained(sums: Array) -> Array:
-    """(6,) Share of each motion's variance that is explained."""
+    """(motions,) Share of each motion's variance that is explained."""
     n, x, y, xx, yy, xy = sums.T
     n = np.maximum(n, 1.0)
     both, one, other = xy - x * y / n, xx - x * x / n, yy - y * y / n
@@ -162,24 +164,33 @@ def fit_clock(seen: Motion, expected: Motion, name: str) -> Clock:
 
 
 def _fitted(agreement: _Agreement, offset: float, with_rate: bool) -> tuple[float, float, float]:
-    """Offset [s], rate, and the standard deviation [s] in the middle of the film, by the jackknife over blocks."""
-    offset, rate = _refined(agreement, offset, 0.0, with_rate, None)
-    parts = np.array([_refined(agreement, offset, rate, with_rate, left_out) for left_out in range(BLOCKS)])
-    if with_rate and abs(rate) < RATE_SURE * _jackknife(parts[:, 1]):
+    """Offset [s], rate, and the standard deviation [s] in the middle of the film, by jackknife."""
+    offset, rate = _refined(agreement, offset, 0.0, with_rate)
+    blocks = np.array([_refined(agreement, offset, rate, with_rate, block=k) for k in range(BLOCKS)])
+    if with_rate and abs(rate) < RATE_SURE * _jackknife(blocks[:, 1]):
         return _fitted(agreement, offset + rate * agreement.middle, False)
-    return offset, rate, _jackknife(parts[:, 0] + (1.0 + parts[:, 1]) * agreement.middle)
+    motions = np.array([_refined(agreement, offset, rate, with_rate, motion=k) for k in range(MOTIONS)])
+    by_block, by_motion = (
+        _jackknife(parts[:, 0] + (1.0 + parts[:, 1]) * agreement.middle) for parts in (blocks, motions)
+    )
+    return offset, rate, float(np.hypot(by_block, by_motion))
 
 
 def _jackknife(parts: Array) -> float:
-    """Standard deviation of what was fitted, from fits (blocks,) that each leave one block out."""
-    return float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((parts - parts.mean()) ** 2)))
+    """Standard deviation of what was fitted, from fits (n,) that each leave one of n parts out."""
+    return float(np.sqrt((len(parts) - 1) / len(parts) * np.sum((parts - parts.mean()) ** 2)))
 
 
 def _refined(
-    agreement: _Agreement, offset: float, rate: float, with_rate: bool, left_out: int | None
+    agreement: _Agreement,
+    offset: float,
+    rate: float,
+    with_rate: bool,
+    block: int | None = None,
+    motion: int | None = None,
 ) -> tuple[float, float]:
-    """Offset [s] and rate of most evidence near those given, one block left out or none."""
-    kept = np.arange(BLOCKS) != left_out
+    """Offset [s] and rate of most evidence near those given, with a block or a motion left out."""
+    kept, used = np.arange(BLOCKS) != block, np.arange(MOTIONS) != motion
 
     def clock(numbers: Array) -> tuple[float, float]:
         slope = float(numbers[1]) * 1e-3 if with_rate else rate
@@ -190,7 +201,7 @@ def _refined(
         begin, slope = clock(numbers)
         if abs(slope) > MOST_RATE:
             return 0.0
-        return -_evidence(agreement.moments(begin, slope)[kept].sum(axis=0))
+        return -_evidence(agreement.moments(begin, slope)[kept].sum(axis=0)[used])
 
     start = np.array([0.0, rate * 1e3]) if with_rate else np.zeros(1)
     simplex = start + np.vstack([np.zeros(len(start)), np.eye(len(start))])

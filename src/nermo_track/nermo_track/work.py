@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from nermo_description.robots import load_robot
 from nermo_node.recording_reader import Recording
@@ -16,7 +17,7 @@ from nermo_track.clock import Clock, Motion, fit_clock
 from nermo_track.commands import Commands, expected_motion, recorded_commands, recorded_robot
 from nermo_track.errors import TrackError
 from nermo_track.film import Film
-from nermo_track.fuse import Disagreement, Poses, fuse
+from nermo_track.fuse import REACH, Disagreement, Poses, fuse
 from nermo_track.layout import Layout
 from nermo_track.recording import Source, write_beside
 from nermo_track.sightings import sight
@@ -120,7 +121,7 @@ def into_recording(
     expected = expected_motion(commands, parameters, lambda share: say("twin", share))
     timed = [on_clock(film, expected) for film in films]
     poses, apart = fuse([poses_of(film) for film in timed])
-    poses = _commanded(poses, commands)
+    poses = at_commands(poses, commands)
     topic = write_beside(origin, recording, commands, poses, out)
     return Written(timed, parameters.name, topic, len(poses.time), apart, out)
 
@@ -138,11 +139,31 @@ def poses_of(film: Tracked) -> Poses:
     return Poses(time, found.position, found.rotation, found.covariance)
 
 
-def _commanded(poses: Poses, commands: Commands) -> Poses:
-    """Those of the time in which the mouse was commanded."""
-    last = float(commands.stamp[-1] - commands.stamp[0]) * 1e-9
-    kept = (poses.time >= 0.0) & (poses.time <= last)
-    return Poses(poses.time[kept], poses.position[kept], poses.rotation[kept], poses.covariance[kept])
+def at_commands(poses: Poses, commands: Commands) -> Poses:
+    """Poses carried to the command that is nearest, along their own speed; those of the time of the commands.
+
+    A diagnosis takes a pose as one of the nearest command's. It is half a tick away at most, in which a trot's pitch
+    changes by more than a tracker's noise. Where no neighbour tells the speed, a pose is not carried.
+    """
+    grid = np.asarray((commands.stamp - commands.stamp[0]) * 1e-9, dtype=np.float64)
+    after = np.clip(np.searchsorted(grid, poses.time), 1, len(grid) - 1)
+    nearest = np.where(poses.time - grid[after - 1] <= grid[after] - poses.time, after - 1, after)
+    way = grid[nearest] - poses.time
+    # Of several poses at one command the nearest is taken: a film of more than 200 Hz has enough.
+    order = np.argsort(np.abs(way), kind="stable")
+    _, first = np.unique(nearest[order], return_index=True)
+    rows = order[first]
+    rows = rows[np.abs(way[rows]) <= 0.5 * np.median(np.diff(grid)) + 1e-9]
+    before, behind = np.maximum(rows - 1, 0), np.minimum(rows + 1, len(poses.time) - 1)
+    span = poses.time[behind] - poses.time[before]
+    share = np.where(span <= REACH, way[rows] / np.maximum(span, 1e-9), 0.0)[:, None]
+    turned = (poses.rotation[behind] * poses.rotation[before].inv()).as_rotvec()
+    return Poses(
+        grid[nearest[rows]],
+        poses.position[rows] + share * (poses.position[behind] - poses.position[before]),
+        Rotation.from_rotvec(share * turned) * poses.rotation[rows],
+        poses.covariance[rows],
+    )
 
 
 def _deviation(found: Track) -> list[float]:

@@ -13,10 +13,12 @@ from scipy.spatial.transform import Rotation
 from nermo_description.parameter_files import ParameterError
 from nermo_track.bench.studio import look_at
 from nermo_track.camera import Camera, load_camera, save_camera
+from nermo_track.commands import Commands
 from nermo_track.faults import longest_gap, outliers
 from nermo_track.fuse import Poses, fuse
 from nermo_track.layout import load_layout
 from nermo_track.pose import Placement, corner_points, covariance, fits
+from nermo_track.work import at_commands
 
 CAMERA = Camera(
     width=960, height=720, fx=900.0, fy=903.0, cx=485.0, cy=357.0, distortion=(-0.25, 0.08, 1e-3, -5e-4, 0.0)
@@ -144,3 +146,23 @@ def test_cameras_are_weighed_by_what_they_know(weights: tuple[float, float], off
     assert both.position[0, 0] == 0.0  # nothing to weigh it with yet
     assert apart[0].position == pytest.approx(abs(off), abs=1e-12)
     assert (np.linalg.eigvalsh(one[1:] - both.covariance[1:]) > 0.0).all()
+
+
+@given(fps=st.floats(24.0, 120.0), begin=st.floats(-0.2, 0.1))
+def test_poses_are_carried_to_commands_along_their_way(fps: float, begin: float) -> None:
+    """What moves and turns evenly is, at each command, where it is then."""
+    time = begin + np.arange(40) / fps
+    poses = Poses(
+        time,
+        np.outer(time, [0.1, -0.05, 0.02]),
+        Rotation.from_rotvec(np.outer(time, [0.2, 0.0, 1.0])),
+        np.tile(np.eye(6), (40, 1, 1)),
+    )
+    commands = Commands("/servo_command", 5 * 10**9 + 5_000_000 * np.arange(60), np.empty((60, 0)), 0)
+    told = at_commands(poses, commands)
+    assert set(np.round(told.time / 0.005, 6)) <= set(range(60)) and (np.diff(told.time) > 0.0).all()
+    inside = ((time >= 0.0) & (time <= 59 * 0.005)).sum()
+    assert inside <= len(told.time) <= inside + 2
+    np.testing.assert_allclose(told.position, np.outer(told.time, [0.1, -0.05, 0.02]), atol=1e-12)
+    off = told.rotation * Rotation.from_rotvec(np.outer(told.time, [0.2, 0.0, 1.0])).inv()
+    assert off.magnitude().max() < 1e-9
