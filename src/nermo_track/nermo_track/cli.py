@@ -123,6 +123,12 @@ def film(
     fps: Fps = None,
     line_delay: LineDelay = None,
     exposure: Exposure = None,
+    clock_from: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            help="Fit the clock to this part of the recording, [s] from the first command: steps in the stand."
+        ),
+    ] = None,
     json: Json = None,
 ) -> None:
     """Follow the mouse through films, and write where it was beside what it was told, for `nermo gap diagnose`.
@@ -141,15 +147,17 @@ def film(
 
         shots, layout = _shots(films, camera, fps, line_delay, exposure), load_layout(tags)
         if recording is None:
-            if len(shots) > 1 or out.suffix != ".csv":
-                raise CommandError("without --recording: give one film, and --out a .csv file", status=2)
+            if len(shots) > 1 or clock_from is not None or out.suffix != ".csv":
+                raise CommandError(
+                    "without --recording: give one film, no --clock-from, and --out a .csv file", status=2
+                )
             with _progress() as say:
                 tracked = [follow(shots[0], layout, say)]
             _save_table(out, poses_of(tracked[0]))
             said, name = [f"{out}: {len(tracked[0].track.time)} poses in the film's own time"], None
         else:
             with _progress() as say:
-                written = into_recording(shots, layout, recording, out, robot, say)
+                written = into_recording(shots, layout, recording, out, robot, say, clock_from)
             tracked, name = written.films, written.robot
             said = [
                 f"cameras are {1e3 * apart.position:.1f} mm and {57.29578 * apart.angle:.2f} degrees apart"

@@ -18,8 +18,9 @@ COARSE = 0.02
 LONGEST_STEP = 0.1
 """[s] Two pictures farther apart say nothing of a motion."""
 BLOCKS = 8
-"""Parts of a film, each left out once (jackknife): what the clock's uncertainty is taken from. So is each of the six
-motions: a mouse that is not the twin is earlier than it in one and later in another."""
+"""Parts of a film, or of a recording that is shorter, each left out once (jackknife): what the clock's uncertainty is
+taken from. So is each of the six motions: a mouse that is not the twin is earlier than it in one and later in another.
+"""
 MOTIONS = 6
 APART = 0.1
 """[s] From this far on another peak is another clock, and not the same one's side."""
@@ -45,6 +46,11 @@ class Motion:
     """(n, 3) [m]"""
     rotation: Rotation
     """n of them"""
+
+    def between(self, begin: float, end: float) -> Motion:
+        """The part from one time [s] to another."""
+        part = (self.time >= begin) & (self.time <= end)
+        return Motion(self.time[part], self.position[part], self.rotation[part])
 
     def path(self) -> Array:
         """(n, 6) [m, rad] What the body has gone along its own axes and turned about them, added up."""
@@ -87,8 +93,10 @@ class _Agreement:
         """[s] Of the film."""
         self.moved = np.diff(seen.path(), axis=0)[used]
         self._time, self._path = expected.time, expected.path()
-        edges = np.linspace(0, len(self.begin), BLOCKS + 1).astype(int)
-        self.block = np.repeat(np.arange(BLOCKS), np.diff(edges))
+        # Of the shorter of the two, so that each has something in it.
+        film_is_shorter = np.ptp(seen.time) <= np.ptp(expected.time)
+        parts = BLOCKS * np.arange(len(self.begin)) // max(len(self.begin), 1)
+        self._block = parts if film_is_shorter else None
 
     def moments(self, offset: float, rate: float = 0.0) -> Array:
         """(blocks, 6, 6) Per block and motion: count, sums of x, y, xx, yy and xy, where film and commands overlap."""
@@ -101,7 +109,11 @@ class _Agreement:
         y = self.moved
         parts = np.stack([np.ones_like(x), x, y, x * x, y * y, x * y], axis=-1) * inside[:, None, None]
         sums = np.zeros((BLOCKS, 6, 6))
-        np.add.at(sums, self.block, parts)
+        blocks = self._block
+        if blocks is None:
+            share = (begin - self._time[0]) / (self._time[-1] - self._time[0])
+            blocks = np.clip((BLOCKS * share).astype(np.int64), 0, BLOCKS - 1)
+        np.add.at(sums, blocks, parts)
         return sums
 
 

@@ -104,9 +104,17 @@ def follow(shot: Shot, layout: Layout, say: Say) -> Tracked:
 
 
 def into_recording(
-    shots: Sequence[Shot], layout: Layout, source: Path, out: Path, robot: str | None, say: Say
+    shots: Sequence[Shot],
+    layout: Layout,
+    source: Path,
+    out: Path,
+    robot: str | None,
+    say: Say,
+    clock_from: tuple[float, float] | None = None,
 ) -> Written:
     """Films' poses written beside a recording's commands, into a new folder.
+
+    ``clock_from``: from when to when [s] since the first command the film's clock is fitted; everywhere if None.
 
     Raises:
         TrackError: a film cannot be used, or its clock cannot be told.
@@ -119,6 +127,13 @@ def into_recording(
     commands = recorded_commands(recording, parameters)
     films = [follow(shot, layout, say) for shot in shots]
     expected = expected_motion(commands, parameters, lambda share: say("twin", share))
+    if clock_from is not None:
+        expected = expected.between(*clock_from)
+        if len(expected.time) < 2:
+            begin, end, last = *clock_from, float(commands.stamp[-1] - commands.stamp[0]) * 1e-9
+            raise TrackError(
+                f"--clock-from: is {begin:g} to {end:g} s; the recording's commands are from 0 to {last:g} s"
+            )
     timed = [on_clock(film, expected) for film in films]
     poses, apart = fuse([poses_of(film) for film in timed])
     poses = at_commands(poses, commands)

@@ -74,3 +74,10 @@ def test_a_film_of_something_else_tells_no_clock(walked: Walk) -> None:
 def test_a_film_that_is_too_short_is_refused(walked: Walk) -> None:
     with pytest.raises(TrackError, match=r"needed: 4 s"):
         fit_clock(seen(walked, 1.0, 0.0, 2.0, 0), expected(walked), "film")
+
+
+def test_a_camera_that_ran_long_before_is_no_matter(walked: Walk) -> None:
+    """The film is longer than the recording: the mouse stands before it."""
+    found = fit_clock(seen(walked, -6.0, 0.0, 15.0, 2), expected(walked), "film")
+    assert found.offset == pytest.approx(-6.0, abs=max(5.0 * found.deviation, 4e-3))
+    assert found.overlap == pytest.approx(9.0, abs=0.5)
