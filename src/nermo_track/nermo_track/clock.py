@@ -14,7 +14,7 @@ from nermo_track.errors import TrackError
 Array = NDArray[np.float64]
 
 COARSE = 0.02
-"""[s] Step of the first search: a quarter of the shortest thing that a trot's body does (0.1 s)."""
+"""[s] Step of the first search: a fifth of the shortest thing that a trot's body does (0.1 s)."""
 LONGEST_STEP = 0.1
 """[s] Two pictures farther apart say nothing of a motion."""
 BLOCKS = 8

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 UPRIGHT = np.radians(15.0)
 """[rad] Standard deviation of the tilt of a mouse that walks: decides between the two poses that a small tag leaves,
-and nothing else. Chosen: the twin's torso pitches by 3 degrees in a trot."""
+and nothing else. Chosen: in a trot the twin's torso rolls by 7 degrees (standard deviation)."""
 BLUR_SHARE = 0.03
 """Share of a corner's smear during the exposure by which its place is less certain than the film's other corners.
 Chosen: a smear is the same to both sides and moves no edge, but flattens it."""

@@ -157,8 +157,8 @@ def poses_of(film: Tracked) -> Poses:
 def at_commands(poses: Poses, commands: Commands) -> Poses:
     """Poses carried to the command that is nearest, along their own speed; those of the time of the commands.
 
-    A diagnosis takes a pose as one of the nearest command's. It is half a tick away at most, in which a trot's pitch
-    changes by more than a tracker's noise. Where no neighbour tells the speed, a pose is not carried.
+    A diagnosis takes a pose as one of the nearest command's. It is half a tick away at most, in which a trot turns
+    the torso by 2 mrad. Where no neighbour tells the speed, a pose is not carried.
     """
     grid = np.asarray((commands.stamp - commands.stamp[0]) * 1e-9, dtype=np.float64)
     after = np.clip(np.searchsorted(grid, poses.time), 1, len(grid) - 1)

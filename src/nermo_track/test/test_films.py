@@ -79,6 +79,7 @@ def test_a_film_becomes_a_recording_that_the_diagnosis_reads(
     assert isinstance(again.exception, CommandError) and "never overwritten" in str(again.exception)
 
 
+@pytest.mark.slow
 def test_two_cameras_are_no_worse_than_one(films, walked: Walk, bag: Path, start: int, tmp_path: Path) -> None:
     (_, above, one), (_, behind, other) = films["above"], films["behind"]
     arguments = ["film", str(above), str(behind), "--camera", str(one), "--camera", str(other)]
@@ -91,6 +92,7 @@ def test_two_cameras_are_no_worse_than_one(films, walked: Walk, bag: Path, start
     assert np.sqrt(np.mean(np.sum((seen - place) ** 2, axis=1))) < 1.5e-3
 
 
+@pytest.mark.slow
 def test_a_clock_is_fitted_where_it_is_asked_for(films, bag: Path, start: int, tmp_path: Path) -> None:
     _, film, camera = films["above"]
     arguments = ["film", str(film), "--camera", str(camera), "--recording", str(bag), "--out", str(tmp_path / "out")]
