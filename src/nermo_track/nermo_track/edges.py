@@ -1,9 +1,9 @@
 """Corners of a tag as where its edges meet.
 
-OpenCV's own refinements take what lies around a corner, which blur rounds off, to one side always: 0.4 to 0.9
-pixels for its `SUBPIX`, 0.9 for `CONTOUR`; `APRILTAG` is off by half a pixel both ways, and now and then by more. Blur moves no straight edge. So each
-edge is found along its length, and corners are where edges meet, as AprilTag 2's own detector does it (Wang and Olson,
-IROS 2016, `refine_edges`). `nermo bench track` measures what is left.
+OpenCV's own refinements take what lies around a corner, which blur rounds off, to one side always: 0.4 to 0.9 pixels
+for its `SUBPIX`, 0.9 for `CONTOUR`; `APRILTAG` is off by half a pixel both ways, and now and then by more. Blur moves
+no straight edge. So each edge is found along its length, and corners are where edges meet, as AprilTag 2's own detector
+does it (Wang and Olson, IROS 2016, `refine_edges`). `nermo bench track` measures what is left.
 """
 
 from __future__ import annotations
