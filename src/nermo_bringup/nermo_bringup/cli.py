@@ -102,12 +102,13 @@ _WORDS = {
     ),
     "bench": (
         "nermo_sim.bench.cli:bench_app",
-        "Measure: tick, loop, graph, sensors, serial, link, faults, firmware, fuzz.",
+        "Measure: tick, loop, graph, sensors, serial, link, faults, firmware, fuzz, track.",
     ),
     "optimize": ("nermo_sim.optimize.cli:optimize_app", "Search for better parameters."),
     "calibrate": ("nermo_sim.calibrate.cli:calibrate_app", "Fit the physical numbers that the thesis does not print."),
     "sensors": ("nermo_sensors.cli:sensors_app", "Calibrate and judge tactile sensors."),
     "hw": ("nermo_hw.cli:hw_app", "The real robot: look at it, emulate it, test its lines."),
+    "track": ("nermo_track.cli:track_app", "The pose of the mouse out of film."),
     "gap": ("nermo_bringup.protocol.cli:gap_app", "Say why robot and twin differ."),
 }
 
@@ -117,6 +118,7 @@ _BENCHES = {
     **dict.fromkeys(("serial", "link", "faults"), "nermo_hw.cli:bench_app"),
     "firmware": "nermo_hw.firmware.cli:bench_app",
     "fuzz": "nermo_bringup.fuzz.cli:bench_app",
+    "track": "nermo_track.cli:bench_app",
 }
 
 

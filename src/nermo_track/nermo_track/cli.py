@@ -1,0 +1,292 @@
+"""The word `track` of the `nermo` command: sheets to print, a camera to calibrate, films to follow the mouse in."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from nermo_description.results import CommandError, write_results
+
+if TYPE_CHECKING:
+    from nermo_track.fuse import Poses
+    from nermo_track.work import Shot, Tracked
+
+# What does the work takes seconds to import, and help is asked for often: commands import it when they run.
+
+Json = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
+Tags = Annotated[
+    Path | None, typer.Option(help="YAML file that says where tags sit; by default those of `nermo track sheet`.")
+]
+LineDelay = Annotated[
+    float | None, typer.Option(help="Rolling shutter: seconds from one row to the next, as the maker tells it.")
+]
+Exposure = Annotated[float | None, typer.Option(help="Seconds for which a row is exposed.")]
+Fps = Annotated[float | None, typer.Option(help="Pictures a second, where the file does not tell the true rate.")]
+
+track_app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="The pose of the mouse out of film.",
+)
+bench_app = typer.Typer(
+    rich_markup_mode=None, add_completion=False, help="Measure the tracker on films that are drawn."
+)
+
+
+@track_app.callback()
+def track() -> None:
+    """The pose of the mouse out of film: print tags, calibrate the camera, film, and diagnose what was filmed."""
+
+
+@track_app.command("sheet")
+def sheet(
+    out: Annotated[Path, typer.Option(help="The .pdf, or .png of one page, to write.")],
+    what: Annotated[Literal["all", "mouse", "floor", "board"], typer.Option(help="Which pages.")] = "all",
+    tags: Tags = None,
+) -> None:
+    """Draw the tags to print, true to scale on A4: for the mouse's back, for the floor, and the camera's board.
+
+    \b
+    nermo track sheet --out tags.pdf
+    nermo track sheet --what board --out board.png
+    """
+    with _told():
+        from nermo_track.layout import load_layout
+        from nermo_track.sheet import KINDS, write_sheets
+
+        write_sheets(out, KINDS if what == "all" else [what], load_layout(tags))
+    typer.echo(f"{out}: print it at 100 %, and measure the line of 100 mm on it")
+
+
+@track_app.command("calibrate")
+def calibrate(
+    film: Annotated[Path, typer.Argument(help="A film of the board, held everywhere in the picture and tilted.")],
+    out: Annotated[Path, typer.Option(help="The camera's file to write.")],
+    line_delay: LineDelay = None,
+    exposure: Exposure = None,
+    square_mm: Annotated[float, typer.Option(min=1.0, max=500.0, help="Edge of a square, as measured.")] = 28.0,
+    json: Json = None,
+) -> None:
+    """Fit a camera to a film of the board. Refuses, with exit status 1, where the film does not tell it well enough.
+
+    Zoom, focus and size of the picture must be those of the films of the mouse.
+
+    \b
+    nermo track calibrate board.mp4 --out camera.yaml
+    nermo track calibrate board.mp4 --out camera.yaml --line-delay 1.5e-5 --exposure 0.004
+    """
+    with _told(), _progress() as say:
+        from nermo_track.calibrate import calibrate as fit
+        from nermo_track.camera import save_camera
+        from nermo_track.errors import TrackError
+        from nermo_track.film import Film
+
+        _check("--line-delay", line_delay, 1e-3)
+        _check("--exposure", exposure, 1.0)
+        opened = Film(film)
+        try:
+            found = fit(opened, line_delay or 0.0, exposure or 0.0, 1e-3 * square_mm, lambda share: say("board", share))
+        except TrackError as error:
+            raise CommandError(str(error)) from error
+        save_camera(found.camera, out)
+    typer.echo(
+        f"{out}: {found.camera.width} x {found.camera.height} px, focal length {found.camera.fx:.1f} px "
+        f"(± {100.0 * found.focal_deviation:.2f} %)\n"
+        f"reprojection error {found.rms:.2f} px in {found.views} views (worst {found.worst_view:.2f} px), which cover "
+        f"{100.0 * found.coverage:.0f} % of the picture"
+    )
+    if json is not None:
+        facts = {
+            "camera": found.camera.model_dump(),
+            "focal_deviation": found.focal_deviation,
+            "worst_view_px": found.worst_view,
+        }
+        write_results(json, "track-calibrate", facts)
+
+
+@track_app.command("film")
+def film(
+    films: Annotated[list[Path], typer.Argument(help="Films of one run, each of a camera that stands still.")],
+    camera: Annotated[list[Path], typer.Option(help="File of `calibrate`: one for all films, or one for each.")],
+    out: Annotated[Path, typer.Option(help="New folder for the recording; without --recording a .csv of the poses.")],
+    recording: Annotated[
+        Path | None, typer.Option(help="What the mouse was told meanwhile: the folder of a recording, or of a segment.")
+    ] = None,
+    robot: Annotated[str | None, typer.Option(help="Name or file; by default what the recording says.")] = None,
+    tags: Tags = None,
+    fps: Fps = None,
+    line_delay: LineDelay = None,
+    exposure: Exposure = None,
+    clock_from: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            help="Fit the clock to this part of the recording, [s] from the first command: steps in the stand."
+        ),
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Follow the mouse through films, and write where it was beside what it was told, for `nermo gap diagnose`.
+
+    The film's clock is fitted to the recording's commands. The recording given is left as it is. Refuses where the
+    clock cannot be told; film a stand, a start and a stop.
+
+    \b
+    nermo track film walk.mp4 --camera camera.yaml --recording recordings/today --out recordings/filmed
+    nermo track film left.mp4 right.mp4 --camera left.yaml --camera right.yaml --recording recordings/today --out filmed
+    nermo track film slow.mp4 --fps 240 --exposure 0.001 --camera camera.yaml --out poses.csv
+    """
+    with _told():
+        from nermo_track.layout import load_layout
+        from nermo_track.work import follow, into_recording, poses_of
+
+        shots, layout = _shots(films, camera, fps, line_delay, exposure), load_layout(tags)
+        if recording is None:
+            if len(shots) > 1 or clock_from is not None or out.suffix != ".csv":
+                raise CommandError(
+                    "without --recording: give one film, no --clock-from, and --out a .csv file", status=2
+                )
+            with _progress() as say:
+                tracked = [follow(shots[0], layout, say)]
+            _save_table(out, poses_of(tracked[0]))
+            said, name = [f"{out}: {len(tracked[0].track.time)} poses in the film's own time"], None
+        else:
+            with _progress() as say:
+                written = into_recording(shots, layout, recording, out, robot, say, clock_from)
+            tracked, name = written.films, written.robot
+            said = [
+                f"cameras are {1e3 * apart.position:.1f} mm and {57.29578 * apart.angle:.2f} degrees apart"
+                for apart in written.apart
+            ]
+            said += [f"{out}: {written.poses} poses of {name} as {written.topic}", f"next: nermo gap diagnose {out}"]
+    for one in tracked:
+        _print_film(one)
+    for line in said:
+        typer.echo(line)
+    if json is not None:
+        write_results(json, "track", {"films": [one.report() for one in tracked], "out": str(out)}, robot=name)
+
+
+@bench_app.callback()
+def bench() -> None:
+    """Measure the tracker."""
+
+
+@bench_app.command("track")
+def bench_track(
+    robot: Annotated[str, typer.Option(help="nermo, nermo_lite or a parameter file.")] = "nermo_lite",
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer cameras and shorter films.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the pictures' noise.")] = 0,
+    json: Json = None,
+) -> None:
+    """Draw films of a walk whose truth is known, from several places, and say how far the tracker is off.
+
+    \b
+    nermo bench track
+    nermo bench track --quick --json track.json
+    """
+    with _told(), _progress() as say:
+        from nermo_track.bench.command import bench
+
+        rows = bench(robot, quick, seed, say)
+    _print_rows(rows)
+    if json is not None:
+        write_results(json, "bench-track", {"rows": rows}, robot=robot, seed=seed)
+
+
+def _shots(
+    films: list[Path], cameras: list[Path], fps: float | None, line_delay: float | None, exposure: float | None
+) -> list[Shot]:
+    """Each film with its camera, and what is said of its times."""
+    from nermo_track.camera import load_camera
+    from nermo_track.work import Shot
+
+    if len(cameras) not in (1, len(films)):
+        raise CommandError(f"--camera: {len(cameras)} of them for {len(films)} films; give one, or one for each", 2)
+    _check("--line-delay", line_delay, 1e-3)
+    _check("--exposure", exposure, 1.0)
+    own = {"line_delay": line_delay, "exposure": exposure}
+    update = {name: value for name, value in own.items() if value is not None}
+    loaded = [load_camera(path).model_copy(update=update) for path in cameras]
+    return [Shot(path, loaded[k % len(loaded)], fps) for k, path in enumerate(films)]
+
+
+def _check(option: str, value: float | None, most: float) -> None:
+    if value is not None and not 0.0 <= value <= most:
+        raise CommandError(f"{option}: is {value:g}; allowed: 0 to {most:g} s", status=2)
+
+
+def _print_film(one: Tracked) -> None:
+    """What was found in a film."""
+    found, clock = one.track, one.clock
+    facts = one.report()
+    place, turn = facts["position_sd_mm"], facts["rotation_sd_deg"]
+    typer.echo(f"{one.shot.film}: {found.missing.sentence()}")
+    typer.echo(
+        f"  corners ± {found.corner_deviation:.2f} px, smeared by {found.blur:.2f} px; "
+        f"base_link ± {place[0]:.2f}, {place[1]:.2f}, {place[2]:.2f} mm, "
+        f"± {turn[0]:.2f}, {turn[1]:.2f}, {turn[2]:.2f} degrees (x, y, z)"
+    )
+    if clock is not None:
+        typer.echo(
+            f"  its first picture is {clock.offset:.4f} s after the first command, ± {1e3 * clock.deviation:.1f} ms; "
+            f"rate {1e6 * clock.rate:+.0f} ppm; the commands explain {100.0 * clock.agreement:.0f} % of what is seen"
+        )
+    for warning in found.warnings():
+        typer.echo(f"  warning: {warning}", err=True)
+
+
+def _save_table(out: Path, poses: Poses) -> None:
+    """Poses as a table with a header."""
+    import numpy as np
+
+    turn = poses.rotation.as_quat(scalar_first=True)
+    deviation = np.sqrt(np.diagonal(poses.covariance, axis1=1, axis2=2))
+    names = "t,base_x,base_y,base_z,base_qw,base_qx,base_qy,base_qz,sd_x,sd_y,sd_z,sd_roll,sd_pitch,sd_yaw"
+    rows = np.column_stack([poses.time, poses.position, turn, deviation])
+    try:
+        np.savetxt(out, rows, fmt="%.9g", delimiter=",", header=names, comments="")
+    except OSError as error:
+        raise CommandError(f"{out} cannot be written: {error.strerror}") from error
+
+
+def _print_rows(rows: list[dict[str, object]]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*(name.replace("_", " ") for name in rows[0]))
+    for row in rows:
+        table.add_row(*(f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()))
+    console = Console()
+    Console(width=None if console.is_terminal else 180).print(table)
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Callable[[str, float], None]]:
+    """A bar for a stage's share of 1 on a terminal, nothing elsewhere."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description:>8}"), BarColumn(), TimeElapsedColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda stage, share: bar.update(task, description=stage, completed=share)
+
+
+@contextlib.contextmanager
+def _told() -> Iterator[None]:
+    """Input that cannot be used ends the command with its sentence and status 2."""
+    from nermo_description.parameter_files import ParameterError
+    from nermo_node.recording_reader import RecordingError
+    from nermo_track.errors import TrackError
+
+    try:
+        yield
+    except (TrackError, ParameterError, RecordingError) as error:
+        raise CommandError(str(error), status=2) from error

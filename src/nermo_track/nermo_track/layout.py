@@ -1,0 +1,89 @@
+"""Where tags sit: on the mouse, and on the floor, whose tags are the world's frame."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from scipy.spatial.transform import Rotation
+
+from nermo_description.parameter_files import read_yaml, validate
+
+Array = NDArray[np.float64]
+
+STANDARD = Path(__file__).with_name("tags.yaml")
+FAMILY = "AprilTag 36h11"
+MODULES = 8
+"""Squares along the edge of a tag of this family, its black border included."""
+TAGS = 587
+"""How many this family has."""
+
+Metre = Annotated[float, Field(ge=-20.0, le=20.0, json_schema_extra={"unit": "m"})]
+Degree = Annotated[float, Field(ge=-360.0, le=360.0, json_schema_extra={"unit": "deg"})]
+
+
+class Tag(BaseModel):
+    """One tag in the frame of what it sits on."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    id: int = Field(ge=0, le=TAGS - 1)
+    size: float = Field(ge=0.004, le=1.0, json_schema_extra={"unit": "m"})
+    """Edge of the black square [m]."""
+    position: tuple[Metre, Metre, Metre]
+    """Its middle [m]."""
+    rpy_deg: tuple[Degree, Degree, Degree] = (0.0, 0.0, 0.0)
+    """Roll, pitch and yaw of the tag, about fixed axes [deg]."""
+
+    @property
+    def rotation(self) -> Rotation:
+        """The tag's axes in that frame."""
+        return Rotation.from_euler("xyz", self.rpy_deg, degrees=True)
+
+    @property
+    def corners(self) -> Array:
+        """(4, 3) [m] Corners of the black square in that frame, as OpenCV names them: upper left first, clockwise."""
+        return np.asarray(self.rotation.apply(square(self.size)) + np.array(self.position), dtype=np.float64)
+
+
+class Layout(BaseModel):
+    """All tags."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    mouse: tuple[Tag, ...] = Field(min_length=1)
+    """In base_link."""
+    floor: tuple[Tag, ...] = Field(min_length=1)
+    """In the world."""
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> Layout:
+        ids = [tag.id for tag in (*self.mouse, *self.floor)]
+        twice = sorted({number for number in ids if ids.count(number) > 1})
+        if twice:
+            raise ValueError(f"tag {twice[0]} is there twice; a tag can be in one place only")
+        return self
+
+    @cached_property
+    def ids(self) -> tuple[int, ...]:
+        """Numbers of all tags, the mouse's first."""
+        return tuple(tag.id for tag in (*self.mouse, *self.floor))
+
+
+def square(size: float) -> Array:
+    """(4, 3) [m] Corners of a tag of this edge in its own frame, upper left first, clockwise."""
+    return 0.5 * size * np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
+
+
+def load_layout(path: Path | None = None) -> Layout:
+    """The tags of a file, or of the sheets that we print.
+
+    Raises:
+        ParameterError: the file cannot be used.
+    """
+    file = path or STANDARD
+    return validate(read_yaml(file), file, Layout)

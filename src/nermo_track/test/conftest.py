@@ -1,0 +1,75 @@
+"""A walk of the twin, its films from three places, and its recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ament_index_python.packages import get_package_share_directory
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from nermo_description.robots import load_robot
+from nermo_track.bench.command import BEGIN, PLACES, Place, shoot_walk
+from nermo_track.bench.walk import Walk, walk
+from nermo_track.camera import save_camera
+from nermo_track.layout import load_layout
+
+SECONDS = 8.0
+START = 1_700_000_000 * 10**9
+
+
+def smaller(place: Place, share: float = 0.6) -> Place:
+    """The same place with fewer pixels, drawn sooner."""
+    camera = place.camera
+    scaled = {name: share * getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
+    size = {"width": round(share * camera.width), "height": round(share * camera.height)}
+    return replace(place, camera=camera.model_copy(update={**scaled, **size, "line_delay": camera.line_delay / share}))
+
+
+@pytest.fixture(scope="session")
+def start() -> int:
+    """[ns] Stamp of the recording's first command."""
+    return START
+
+
+@pytest.fixture(scope="session")
+def walked() -> Walk:
+    return walk(load_robot("nermo_lite"), BEGIN + SECONDS + 0.5)
+
+
+@pytest.fixture(scope="session")
+def films(walked: Walk, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Place, Path, Path]]:
+    """Films by place, each with its camera's file, through bent lenses, noisy, smeared, with rolling shutters."""
+    folder, found = tmp_path_factory.mktemp("films"), {}
+    for number, place in enumerate(smaller(place) for place in PLACES[:3]):
+        film, camera = folder / f"{place.name}.avi", folder / f"{place.name}.yaml"
+        shoot_walk(place, walked, load_layout(), film, SECONDS, number)
+        save_camera(place.camera, camera)
+        found[place.name] = (place, film, camera)
+    return found
+
+
+@pytest.fixture(scope="session")
+def bag(walked: Walk, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of what the walk's servos were told, and of nothing that was measured."""
+    return write_commands(walked, tmp_path_factory.mktemp("bags") / "walk")
+
+
+def write_commands(walked: Walk, path: Path) -> Path:
+    name = "nermo_interfaces/msg/ServoCommand"
+    store = get_typestore(Stores.ROS2_KILTED)
+    text = Path(get_package_share_directory("nermo_interfaces"), "msg", "ServoCommand.msg").read_text("utf-8")
+    store.register(get_types_from_msg(text, name))
+    time, header = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/Header"]
+    servos = list(load_robot("nermo_lite").servos)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/nermo/servo_command", name, typestore=store)
+        for now, told in zip(walked.time, walked.command, strict=True):
+            stamp = START + round(now * 1e9)
+            head = header(time(stamp // 10**9, stamp % 10**9), "")
+            message = store.types[name](head, servos, np.ascontiguousarray(told))
+            writer.write(connection, stamp + 2_000_000, store.serialize_cdr(message, name))
+    return path
