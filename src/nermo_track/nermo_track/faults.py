@@ -78,9 +78,12 @@ def outliers(time: Array, position: Array, rotation: Rotation, spread: Array) ->
     before, after = np.maximum(before, 0), np.minimum(after, count - 1)
     share = (time[:, None] - time[before]) / np.maximum(time[after] - time[before], 1e-9)
     found = np.zeros(count, dtype=bool)
+    turned = _turned(rotation, here, before)
+    # Half a turn one way is half a turn the other way: neighbours must not disagree on that.
+    sides_turned = [_unwrapped(turns, turned[:, :1]) for turns in (turned, _turned(rotation, here, after))]
     for values, block in (
         ([position[rows] - position[:, None] for rows in (before, after)], slice(0, 3)),
-        ([_turned(rotation, here, rows) for rows in (before, after)], slice(3, 6)),
+        (sides_turned, slice(3, 6)),
     ):
         sides = [np.where(there[..., None], side, np.nan)[judged] for side in values]
         own = np.sqrt(np.trace(spread[judged][:, block, block], axis1=1, axis2=2))
@@ -101,6 +104,14 @@ def _beyond(sides: list[Array], own: Array) -> NDArray[np.bool_]:
     ends = np.stack([np.nanmedian(side[:, :LEAST_PAIRS], axis=1) for side in sides])
     excess = np.maximum(np.maximum(ends.min(axis=0), -ends.max(axis=0)), 0.0)
     return np.asarray(np.linalg.norm(excess, axis=1) > FAR * own, dtype=bool)
+
+
+def _unwrapped(turns: Array, reference: Array) -> Array:
+    """(n, pairs, 3) [rad] The same rotations, each by that of its two vectors which is nearer to ``reference``."""
+    length = np.linalg.norm(turns, axis=-1, keepdims=True)
+    other = turns - 2.0 * np.pi * turns / np.maximum(length, 1e-12)
+    nearer = np.linalg.norm(other - reference, axis=-1) < np.linalg.norm(turns - reference, axis=-1)
+    return np.where(nearer[..., None], other, turns)
 
 
 def _turned(rotation: Rotation, here: NDArray[np.int64], rows: NDArray[np.int64]) -> Array:

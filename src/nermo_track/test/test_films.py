@@ -94,14 +94,14 @@ def test_two_cameras_are_no_worse_than_one(films, walked: Walk, bag: Path, start
 
 @pytest.mark.slow
 def test_a_clock_is_fitted_where_it_is_asked_for(films, bag: Path, start: int, tmp_path: Path) -> None:
-    _, film, camera = films["above"]
+    _, film, camera = films["oblique"]
     arguments = ["film", str(film), "--camera", str(camera), "--recording", str(bag), "--out", str(tmp_path / "out")]
     facts = tmp_path / "facts.json"
-    told = CliRunner().invoke(track_app, [*arguments, "--clock-from", "0.5", "8", "--json", str(facts)])
+    told = CliRunner().invoke(track_app, [*arguments, "--clock-from", "0.5", "7", "--json", str(facts)])
     assert told.exit_code == 0, told.output
     found = json.loads(facts.read_text("utf-8"))["films"][0]
     assert found["clock_offset_s"] == pytest.approx(BEGIN, abs=3e-3)
-    assert found["overlap_s"] < 7.6
+    assert found["overlap_s"] < 6.6
     nowhere = CliRunner().invoke(track_app, [*arguments, "--clock-from", "50", "60"])
     assert isinstance(nowhere.exception, CommandError) and "--clock-from: is 50 to 60 s" in str(nowhere.exception)
 

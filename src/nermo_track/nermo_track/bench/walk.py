@@ -17,8 +17,17 @@ from nermo_sim.twin import Twin
 
 Array = NDArray[np.float64]
 
-STEPS = ((0.0, 0.0, 0.0), (1.0, 0.08, 0.0), (4.0, 0.0, 0.0), (5.0, 0.06, 0.5), (8.5, 0.08, -0.4), (12.0, 0.0, 0.0))
-"""From when [s], how fast [m/s], and how sharply it turns [rad/s]: stands, straight on, stands, curves both ways."""
+Steps = tuple[tuple[float, float, float], ...]
+"""From when [s], how fast [m/s], and how sharply it turns [rad/s]; at speed 0 it stands."""
+STEPS: Steps = (
+    (0.0, 0.0, 0.0),
+    (1.0, 0.08, 0.0),
+    (4.0, 0.0, 0.0),
+    (5.0, 0.06, 0.5),
+    (8.5, 0.08, -0.4),
+    (12.0, 0.0, 0.0),
+)
+"""Stands, straight on, stands, curves both ways."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +49,7 @@ class Walk:
         return place, Slerp(self.time, self.rotation)(within)
 
 
-def walk(robot: RobotParameters, seconds: float) -> Walk:
+def walk(robot: RobotParameters, seconds: float, steps: Steps = STEPS) -> Walk:
     """A walk of the twin for a time [s]. Raises SimulationDivergedError."""
     twin = Twin(robot)
     controller = Controller(robot, GaitParameters(), twin.period_ns)
@@ -48,7 +57,7 @@ def walk(robot: RobotParameters, seconds: float) -> Walk:
         (t, ControlCommand(0, forward_velocity=speed, turn_rate=turn))
         if speed
         else (t, ControlCommand(0, posture=Posture.STAND))
-        for t, speed, turn in STEPS
+        for t, speed, turn in steps
     ]
     script = schedule(says)
     ticks = round(seconds * 1e9 / twin.period_ns)
