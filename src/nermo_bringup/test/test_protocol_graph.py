@@ -17,6 +17,7 @@ from terminal import Terminal, left_running
 
 from nermo_bringup.launch.runner import lead_own_life
 from nermo_description.robots import load_robot
+from nermo_description.stand import Stand
 from nermo_gap.protocol.play import Body
 from nermo_gap.protocol.record import record
 from nermo_gap.protocol.recorded import Recorded, read
@@ -99,7 +100,7 @@ def test_a_protocol_through_the_graph_is_recorded_as_in_process(tmp_path: Path) 
                 # What is lost of a recording is filled in from both sides here.
                 assert np.median(difference) < 2e-3 and np.quantile(difference, 0.9) < 0.02, name
             assert np.abs(column(ours, "base_z", run, t) - column(theirs, "base_z", run, t)).max() < 5e-3
-    assert graph.tables[0]["base_z"].mean() == pytest.approx(0.15, abs=5e-3), "it hung"
+    assert graph.tables[0]["base_z"].mean() == pytest.approx(Stand().height, abs=5e-3), "it hung"
 
 
 def test_the_mouse_moves_while_the_space_bar_is_held_and_what_was_recorded_is_kept(tmp_path: Path) -> None:
