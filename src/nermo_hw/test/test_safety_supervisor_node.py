@@ -119,17 +119,19 @@ def test_release_stop_and_silence_reach_the_servos(bench: Node, tmp_path: Path, 
         thread.join()
 
 
-@pytest.mark.parametrize("bus", ["servo_boards", "pwm_board"])
-def test_a_sensor_that_says_what_cannot_be_is_refused_in_words_and_has_no_reading(bench: Node, bus: str) -> None:
-    """Also of a robot that has sensors though its file says it has none."""
+@pytest.mark.parametrize(("bus", "well"), [("servo_boards", True), ("pwm_board", True), ("pwm_board", False)])
+def test_a_sensor_that_says_what_cannot_be_is_refused_in_words_and_has_no_reading(
+    bench: Node, bus: str, well: bool
+) -> None:
+    """Also of a robot that has sensors though its file says it has none, and where one was broken from the start."""
     process = start("safety_supervisor", "-p", f"bus:={bus}")
     status: dict[str, str] = {}
     servos = list(ROBOT.servos)
-    well = ServoStates(name=servos, position=[s.neutral for s in ROBOT.servos.values()])
-    well.velocity = well.current = [0.0] * len(servos)
+    states = ServoStates(name=servos, position=[s.neutral for s in ROBOT.servos.values()])
+    states.velocity = states.current = [0.0] * len(servos)
     upright = Imu()
     upright.orientation.w, upright.linear_acceleration.z = 1.0, 9.81
-    says: dict[str, Any] = {"imu/data_raw": upright, "battery": BatteryState(voltage=7.6), "servo_states": well}
+    says: dict[str, Any] = {"imu/data_raw": upright, "battery": BatteryState(voltage=7.6), "servo_states": states}
     publishers = {topic: bench.create_publisher(type(said), topic, qos.SENSOR) for topic, said in says.items()}
 
     def say() -> None:
@@ -154,11 +156,15 @@ def test_a_sensor_that_says_what_cannot_be_is_refused_in_words_and_has_no_readin
 
     bench.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
     bench.create_timer(0.01, say)
-    impossible = ServoStates(name=servos, position=[1e308, *well.position[1:]])
+    impossible = ServoStates(name=servos, position=[1e308, *states.position[1:]])
+    broken = Imu()
+    broken.orientation.w = 0.0
+    if not well:
+        says["imu/data_raw"] = broken
     try:
-        until_it_says("limp: start", "nothing refused")
-        says["imu/data_raw"] = Imu()
-        says["imu/data_raw"].orientation.w = 0.0
+        if well:
+            until_it_says("limp: start", "nothing refused")
+        says["imu/data_raw"] = broken
         until_it_says("imu_invalid", "imu/data_raw refused: orientation")
         says["imu/data_raw"], says["battery"] = upright, BatteryState(voltage=1e6)
         until_it_says("battery_invalid", "battery refused: voltage")

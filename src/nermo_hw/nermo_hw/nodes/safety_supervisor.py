@@ -136,7 +136,7 @@ class SafetySupervisorNode(Node):
 
     def _on_imu(self, message: Imu) -> None:
         q, rate, acceleration = message.orientation, message.angular_velocity, message.linear_acceleration
-        # Whoever has an IMU is not blind, whatever his file says; from then on its silence is a fault.
+        # Whoever has an IMU, a broken one too, is not blind, whatever his file says; then its silence is a fault.
         self._blind = False
         self._imu = (
             np.array([q.w, q.x, q.y, q.z]),
@@ -145,6 +145,7 @@ class SafetySupervisorNode(Node):
         )
 
     def _imu_without_reading(self) -> None:
+        self._blind = False
         self._imu = NO_IMU
 
     def _on_battery(self, message: BatteryState) -> None:

@@ -159,6 +159,7 @@ class Candidates:
         other = self._screened(reference, (0.5, 1.0))
         foremost = [s for one in (screened, other) for s in _foremost(one, self.effort.survivors)]
         starts = [(s.effect, s.x, s.z) for s in foremost]
+        self.say("compare", 0.0)
         starts += spoken_for(self.fitter, self.effects, fit_loosely(self.fitter), _LOOSE)
         return self._compared(starts)[: self.effort.survivors]
 
