@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import pytest
 from robots import plant_of, simulate
@@ -11,6 +13,7 @@ from simgap.analysis.diagnose import Diagnosis, diagnose
 from simgap.analysis.options import Options
 from simgap.data.recording import recording_from_table
 from simgap.inference import budget
+from simgap.simulation.replay import Replayer
 
 
 def _in_time(seconds: float) -> Diagnosis:
@@ -70,3 +73,33 @@ def test_what_single_parts_speak_for_together_is_not_lost(monkeypatch: pytest.Mo
     assert "drop" in reached and any("budget" in w for w in report["warnings"])
     assert {e["name"] for e in report["effects"]} == {"servo_gain", "coulomb_friction"}
     assert report["gap"]["after"] < 0.1 * report["gap"]["before"]
+
+
+def _counted(monkeypatch: pytest.MonkeyPatch, seconds: float | None) -> tuple[float, dict[str, Any]]:
+    """Simulated seconds of a diagnosis, and its report, where the clock that it looks at is that of its simulations."""
+    clock = [0.0]
+    run = Replayer.run_pairs
+
+    def counted(self: Replayer, *args: Any, **more: Any) -> Any:
+        before = self.simulated_seconds
+        try:
+            return run(self, *args, **more)
+        finally:
+            clock[0] += self.simulated_seconds - before
+
+    monkeypatch.setattr(Replayer, "run_pairs", counted)
+    monkeypatch.setattr(budget.time, "monotonic", lambda: clock[0])
+    plant, table = plant_of("pendulum"), simulate("pendulum", 20.0, change=_own_coulomb)
+    report = diagnose([recording_from_table(table, plant)], plant, Options(threads=1, budget=seconds)).report
+    monkeypatch.undo()
+    return clock[0], report
+
+
+def test_no_stage_goes_on_long_after_a_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Simulations are what a diagnosis spends its time on: here nothing else counts, so that it comes out the same."""
+    whole, _ = _counted(monkeypatch, None)
+    for share in (0.5, 0.25):
+        used, report = _counted(monkeypatch, share * whole)
+        assert used < 1.2 * share * whole
+        assert report["free_running"] and report["waterfall"]
+        assert any("budget" in w for w in report["warnings"])

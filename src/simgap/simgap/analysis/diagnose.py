@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 import simgap
 from simgap.analysis.experiment import GenericMenu, Menu
 from simgap.analysis.explanation import explain
-from simgap.analysis.free_running import FreeRun
+from simgap.analysis.free_running import LONGEST, FreeRun
 from simgap.analysis.isolability import confusion, isolability
 from simgap.analysis.localisation import bands, locate
 from simgap.analysis.next_experiment import Proposal, propose
@@ -30,7 +30,7 @@ from simgap.data.excitation import NOTHING_MOVED, excited
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording
 from simgap.inference.baselines import best_in_sample, fit_everything
-from simgap.inference.budget import Budget
+from simgap.inference.budget import LONG_WINDOWS, PROPOSAL, Budget, OutOfTimeError
 from simgap.inference.decision import names
 from simgap.inference.deviations import NORMAL_90, parameter_deviation
 from simgap.inference.fit import Fitter
@@ -103,22 +103,39 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
                 f"{100 * share:.0f} % of what is left comes back about {frequency:.2g} times a second, and commands "
                 "and motion do not predict it: look for a fan, a gear, a belt or a neighbour"
             )
+    watched = budget.watch(options.progress)
     proposal = None
-    if budget.spent():
-        budget.left_out.append("no next experiment was looked for")
-    else:
-        proposal = propose(
-            fitter, verdict.open, options.menu, options.seed, lambda share: options.say("next experiment", share)
-        )
+    try:
+        with budget.until(PROPOSAL):
+            watched("next experiment", 0.0)
+            proposal = propose(
+                fitter, verdict.open, options.menu, options.seed, lambda share: watched("next experiment", share)
+            )
+    except OutOfTimeError as spent:
+        budget.ended(str(spent))
     longer = None
     # Where no effect acts, nominal numbers within their tolerances are the answer: it is not told with others.
     told = selection.best is not selection.reference and verdict.kind != "unknown"
-    if told and not budget.left_out and not budget.spent():
-        longer = refit(fitter, selection.best.fit, lambda share: options.say("long windows", share))
+    if told and not budget.left_out:
+        try:
+            with budget.until(LONG_WINDOWS):
+                longer = refit(fitter, selection.best.fit, lambda share: watched("long windows", share))
+        except OutOfTimeError as spent:
+            budget.ended(str(spent))
     report = _report(aligned, floor, selector, selection, verdict, structure, options, longer)
-    options.say("free runs", 0.0)
-    keys, runs = explain(fitter, selector.scores, selection, report, options.seed, longer)
+    keys, runs = explain(
+        fitter,
+        selector.scores,
+        selection,
+        report,
+        options.seed,
+        longer,
+        budget.remaining(),
+        lambda share: options.say("free runs", share),
+    )
     report |= keys
+    if budget.seconds is not None and any(r.cut_short and r.duration < 0.9 * LONGEST for r in runs):
+        budget.left_out.append("of whole runs only the beginning was simulated")
     report["borders"] = [b.told() for b in found.near]
     report["torque_balance"] = [b.told() for b in found.balances]
     report["reference"] = healthy.report if healthy else None
@@ -310,7 +327,7 @@ def _baselines(fitter: Fitter, selector: Selector, selection: Selection, options
         "best_in_sample": best_in_sample(selector, selection.singles, selection.reference),
         "fit_everything": None,
     }
-    if options.baselines and not selector.budget.spent():
+    if options.baselines and not selector.budget.spent(LONG_WINDOWS):
         found["fit_everything"] = fit_everything(fitter, seed=options.seed)
     return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from simgap.analysis.agreement import agreement
@@ -25,10 +26,13 @@ def explain(
     report: dict[str, Any],
     seed: int = 0,
     longer: LongWindows | None = None,
+    seconds: float | None = None,
+    say: Callable[[float], None] = lambda share: None,
 ) -> tuple[dict[str, Any], list[FreeRun]]:
     """Keys `waterfall`, `calibration`, `agreement`, `remainder` and `free_running` of a report, and the runs drawn.
 
     ``longer``: the winner's numbers where long windows tell them better; free runs and corrections take those.
+    ``seconds`` that the free runs may take, ``say`` is told how far they are.
     ``report`` holds the keys `gap`, `baselines` and `unexplained_predictable_share` of the same selection.
     """
     plant, gap = fitter.residuals.replayer.plant, report["gap"]
@@ -36,7 +40,7 @@ def explain(
     run = models(found)
     if everything := report["baselines"].get("fit_everything"):
         run.insert(0, Model.everything(fitter, everything))
-    runs = free_runs(fitter, run, seed)
+    runs = free_runs(fitter, run, seed, seconds, say)
     best = selection.best.fit
     numbers = longer.fit if longer else best
     diagnosed = fitter.variant(best.hypothesis, numbers.x, numbers.z)

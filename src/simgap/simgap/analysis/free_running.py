@@ -6,7 +6,8 @@ does not pass for a gap; a steady error shows little in them, and all of it here
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -30,6 +31,9 @@ MOST_RUNS = 4
 """Runs that are looked at where the map names none: the longest."""
 LONGEST = 60.0
 """[s] of a run that are simulated: beyond it a longer simulation says the same again."""
+_PILOT, _PASSES = 1.0, 4.0
+"""[s] of the first run by which it is seen how long a simulation takes, where there is a limit; and how many times the
+models' own runs all takes, with twins and stretches."""
 STRETCH = 0.5
 """[s] of the stretches into which a run is cut where an error of its start grows without bound."""
 _LOST = 0.2
@@ -89,7 +93,7 @@ class FreeRun:
         start_error: {channel: value}: how far the run of a model ends from its own, where its start is off by what the
             sensors leave open.
         whole: {model: {channel: error over the whole run}} where it is cut into stretches, else empty.
-        cut_short: whether the run goes on after LONGEST.
+        cut_short: whether the run goes on after what was simulated.
     """
 
     label: float
@@ -100,6 +104,11 @@ class FreeRun:
     start_error: dict[str, float]
     whole: dict[str, dict[str, float]]
     cut_short: bool
+
+    @property
+    def duration(self) -> float:
+        """[s] that were simulated."""
+        return float(self.time[-1, -1] - self.time[0, 0])
 
     @property
     def chaotic(self) -> bool:
@@ -115,12 +124,49 @@ class FreeRun:
         return bool(np.isnan(self.simulated[model]).any())
 
 
-def free_runs(fitter: Fitter, models: Sequence[Model], seed: int = 0) -> list[FreeRun]:
+def free_runs(
+    fitter: Fitter,
+    models: Sequence[Model],
+    seed: int = 0,
+    seconds: float | None = None,
+    say: Callable[[float], None] = lambda share: None,
+) -> list[FreeRun]:
     """Run ``models`` free over the runs that are held out, else over the longest that were scored.
 
     The last model judges whether a run is longer than the robot remembers its start.
+
+    Args:
+        fitter: of the diagnosis.
+        models: what is run.
+        seed: of the twins' starts.
+        seconds: that this may take; of longer runs the beginning is simulated. None: no limit.
+        say: is told how far it is.
     """
-    return [_free_run(fitter, models, run, seed) for run in chosen_runs(fitter.residuals.replayer.aligned)]
+    runs = chosen_runs(fitter.residuals.replayer.aligned)
+    longest = LONGEST if seconds is None else _affordable(fitter, models, runs, seconds)
+    found = []
+    for i, run in enumerate(runs):
+        say(i / len(runs))
+        found.append(_free_run(fitter, models, run, seed, longest))
+    return found
+
+
+def _affordable(fitter: Fitter, models: Sequence[Model], runs: Sequence[Run], seconds: float) -> float:
+    """[s] of each run that can be simulated in so many seconds, at least _PILOT."""
+    base = fitter.residuals.replayer
+    first = max(runs, key=lambda r: r.stop - r.start)
+    begin, stop = _ends(base, first, _PILOT)
+    started = time.monotonic()
+    pilot = _replayer(base, begin, stop, stop - begin)
+    pilot.run([fitter.variant(m.hypothesis, *m.common) for m in models])
+    price = (time.monotonic() - started) / ((stop - begin) * base.aligned.period)
+    return float(np.clip(seconds / (_PASSES * len(runs) * price), _PILOT, LONGEST))
+
+
+def _ends(base: Replayer, run: Run, longest: float) -> tuple[int, int]:
+    """First row of a run that is scored, and the row after the last, of at most ``longest`` seconds."""
+    begin = run.start + base.windows.warm_up
+    return begin, min(run.stop, begin + round(longest / base.aligned.period))
 
 
 def chosen_runs(aligned: Aligned) -> list[Run]:
@@ -139,11 +185,10 @@ def fold_of(windows: Windows, run: Run) -> int | None:
     return next(iter(folds)) if len(folds) == 1 and folds != {-1} else None
 
 
-def _free_run(fitter: Fitter, models: Sequence[Model], run: Run, seed: int) -> FreeRun:
+def _free_run(fitter: Fitter, models: Sequence[Model], run: Run, seed: int, longest: float) -> FreeRun:
     base = fitter.residuals.replayer
     period, plant, fold = base.aligned.period, base.plant, fold_of(base.windows, run)
-    begin = run.start + base.windows.warm_up
-    stop = min(run.stop, begin + round(LONGEST / period))
+    begin, stop = _ends(base, run, longest)
     variants, seen = [], {}
     for model in models:
         (x, z), seen[model.name] = model.values(fold)
@@ -224,7 +269,7 @@ def told(runs: Sequence[FreeRun], plant: Plant, names: Sequence[str]) -> list[di
                 "model": name,
                 "rmse": run.error(plant, name),
                 "unit": units,
-                "duration_s": float(run.time[-1, -1] - run.time[0, 0]),
+                "duration_s": run.duration,
                 "fitted_on_it": run.seen[name],
                 "broke_down": run.broke_down(name),
                 "start_error": run.start_error,
@@ -246,7 +291,7 @@ def _notes(run: FreeRun, name: str) -> list[str]:
             f"on the way: the run is begun anew at the measurement every {STRETCH:g} s"
         )
     if run.cut_short:
-        notes.append(f"the first {LONGEST:g} s of the run")
+        notes.append(f"the first {run.duration:.3g} s of the run")
     if run.broke_down(name):
         notes.append("the simulation broke down; its error is that of what it left, or null")
     return notes

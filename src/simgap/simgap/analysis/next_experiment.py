@@ -85,6 +85,8 @@ def propose(
     dropped: list[str] = []
     variants = [fitter.variant(f.hypothesis, f.x, f.z) for f in fits]
     for experiment in menu.experiments(plant, aligned, _concerned(plant, fits)):
+        if progress:
+            progress(0.0)
         outputs = simulate(fitter.residuals.replayer, variants, experiment)
         if not all(_safe(plant, aligned, o) for o in outputs):
             dropped.append(experiment.name)
@@ -163,6 +165,7 @@ def _expected_gain(
     there = Replayer(replayer.plant, made, windows, replayer.floor, replayer.threads)
     truth = fitter.variant(first.hypothesis, first.x, first.z)
     local = Fitter(Residuals.build(there, truth), fitter.nuisances)
+    local.budget = fitter.budget
     local.likelihood.independent[:] = fitter.likelihood.independent
     residual = local.replay(first.hypothesis, [(first.x, first.z)])[0]
     # Of many nuisances those that the winner did not need stay where they are.

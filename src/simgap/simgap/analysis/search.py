@@ -20,7 +20,7 @@ from simgap.data.plant import Plant
 from simgap.data.recording import Recording, concatenate
 from simgap.effects.base import Context
 from simgap.effects.library import enumerate_effects
-from simgap.inference.budget import Budget, OutOfTimeError
+from simgap.inference.budget import SEARCH, Budget, OutOfTimeError
 from simgap.inference.candidates import Effort
 from simgap.inference.fit import Fitter
 from simgap.inference.healthy import Healthy
@@ -104,7 +104,8 @@ def search(
     selection = selector.run()
     if not budget.left_out:
         try:
-            Chance(selector).reconsider(selection, thorough=light(plant.model))
+            with budget.until(SEARCH):
+                Chance(selector).reconsider(selection, thorough=light(plant.model))
         except OutOfTimeError:
             budget.ended("chance")
     return Search(plant, aligned, floor, fitter, selector, selection, near, balanced, warnings)

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-SEARCH = 0.6
-"""Share of a budget after which the search ends: intervals, free runs and the report are still to come."""
+NUISANCES, SEARCH, PROPOSAL, LONG_WINDOWS, ALL = 0.3, 0.6, 0.75, 0.85, 1.0
+"""Shares of a budget after which nominal numbers are taken as far as they are fitted, and the search, that for the next
+experiment, and the fit in long windows end. What is left is for whole runs."""
+LEAST = 0.05
+"""Share of a budget that whole runs get in any case."""
 _STAGES = {
     "nuisances": "nominal numbers were not fitted to the end",
     "screen": "not every effect was screened",
@@ -15,6 +19,8 @@ _STAGES = {
     "finals": "leading effects were fitted roughly, not to the end",
     "chance": "links that are late or lose by chance were not looked at to the end",
     "growth": "whether what was found grows over the recording was not looked at",
+    "next experiment": "no next experiment was looked for to the end",
+    "long windows": "numbers were not fitted again in long windows",
 }
 _LATER = "no further effect beside the first was looked for to the end"
 
@@ -34,19 +40,45 @@ class Budget:
     seconds: float | None = None
     started: float = field(default_factory=time.monotonic)
     left_out: list[str] = field(default_factory=list)
+    _stage: str = "nuisances"
+    _ends: float | None = None
 
-    def spent(self, share: float = 1.0) -> bool:
+    def spent(self, share: float = ALL) -> bool:
         """Whether a share of the budget is used up."""
         return self.seconds is not None and time.monotonic() - self.started > share * self.seconds
 
+    def remaining(self) -> float | None:
+        """[s] that are left for the last stage, at least LEAST; None without a limit."""
+        if self.seconds is None:
+            return None
+        return max(self.seconds - (time.monotonic() - self.started), LEAST * self.seconds)
+
+    @contextmanager
+    def until(self, share: float) -> Iterator[None]:
+        """In here `check` raises once a share of the budget is used up; what is done by then has to be kept outside."""
+        self._ends = share
+        try:
+            yield
+        finally:
+            self._ends = None
+
+    def check(self) -> None:
+        """Called before each replay, so that no stage goes on long after its end.
+
+        Raises:
+            OutOfTimeError: the time of `until` is over. It names the stage.
+        """
+        if self._ends is not None and self._stage != "nuisances" and self.spent(self._ends):
+            raise OutOfTimeError(self._stage)
+
     def watch(self, progress: Callable[[str, float], None] | None) -> Callable[[str, float], None]:
-        """A report of progress that raises `OutOfTimeError` where the search has to end."""
+        """A report of progress that raises `OutOfTimeError` where the time of `until` is over."""
 
         def tell(stage: str, share: float) -> None:
+            self._stage = stage
             if progress:
                 progress(stage, share)
-            if self.spent(SEARCH) and stage != "nuisances":
-                raise OutOfTimeError(stage)
+            self.check()
 
         return tell
 

@@ -15,7 +15,7 @@ from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.loose_numbers import fit_loosely, spoken_for
 from simgap.inference.model_selection import EVIDENCE, FINALISTS, generalises
 from simgap.inference.scores import Scored, Scores
-from simgap.inference.screen import Screened, informative_windows, screen
+from simgap.inference.screen import WINDOWS, Glance, Screened, informative_windows, screen
 from simgap.inference.simplex_search import simplex_search
 
 Array = NDArray[np.float64]
@@ -46,6 +46,8 @@ _SHAKEN_STARTS = 3
 """Of these values so many are fitted."""
 _ANOTHER_NAME = 0.995
 """Two effects whose sensitivities have this cosine are one change under two names."""
+_COMPARED = 10
+"""Windows of the usual length in which what is proposed is compared, where much is."""
 _GLIMPSE, _SECOND = 2, 0.3
 """Steps of a fit after which what is proposed is compared, and the share that takes as many more."""
 _LOOSE = 4
@@ -99,6 +101,7 @@ class Candidates:
     ) -> None:
         self.fitter, self.effects, self.scores = fitter, list(effects), scores
         self.effort, self._progress = effort, progress
+        self._glance = Glance()
 
     def hinted(self, hints: Sequence[Hint]) -> list[Start]:
         """Starts for what single parts speak for, where a hint is there for each part of a candidate's site.
@@ -145,11 +148,9 @@ class Candidates:
         """Screen about the untouched nominal model: the nuisances' best fit may have swallowed half of an effect."""
         fitter = self.fitter
         assert fitter.nominal is not None
-        kept, fitter.jacobian = fitter.jacobian, fitter.nominal_jacobian
-        try:
+        with fitter.sensitivities_kept():
+            fitter.jacobian = fitter.nominal_jacobian
             return self._screened(fitter.nominal, (0.0, 0.5 if self.effort.twice else 1.0))
-        finally:
-            fitter.jacobian = kept
 
     def most_promising(self, screened: Sequence[Screened], reference: Fit) -> list[Start]:
         """The starts to fit: the best of a screening, or also of one about ``reference`` where the effort says so."""
@@ -164,24 +165,34 @@ class Candidates:
         return self._compared(starts)[: self.effort.survivors]
 
     def _compared(self, starts: Sequence[Start]) -> list[Start]:
-        """Each effect from its best start, as far as a few steps of a fit take it, the leaders as many more."""
+        """Each effect from the better of its starts, as far as a few steps of a fit take it, leaders as many more."""
         fitter = self.fitter
         assert fitter.nominal is not None
-        chosen = informative_windows(fitter, fitter.nominal, FIT_WINDOWS)
+        chosen = informative_windows(fitter, fitter.nominal, _COMPARED)
         select = chosen if len(chosen) < len(fitter.windows) else None
 
         def fitted(effect: Effect, x: Array, z: Array, known: Array | None = None) -> Fit:
-            at = known if select is None else None
-            return fitter.fit(Hypothesis((effect,)), x, z, _GLIMPSE, at, select=select, roughly=True)
+            return fitter.fit(Hypothesis((effect,)), x, z, _GLIMPSE, known, select=select, roughly=True)
 
-        best: dict[int, Fit] = {}
+        best: dict[int, tuple[float, Start, Array]] = {}
         for i, start in enumerate(starts):
-            self.say("compare", i / len(starts))
-            fit, key = fitted(*start), id(start[0])
-            best[key] = min(best.get(key, fit), fit, key=lambda f: f.cost)
-        fits = sorted(best.values(), key=lambda f: f.cost)
+            self.say("compare", 0.2 * i / len(starts))
+            effect, x, z = start
+            residual = fitter.replay(Hypothesis((effect,)), [(x, z)], select)[0]
+            cost = fitter.cost(residual, z, select)
+            if id(effect) not in best or cost < best[id(effect)][0]:
+                best[id(effect)] = cost, start, residual
+        fits = []
+        for i, (_, start, residual) in enumerate(best.values()):
+            self.say("compare", 0.2 + 0.6 * i / len(best))
+            fits.append(fitted(*start, residual))
+        fits.sort(key=lambda f: f.cost)
         leaders = fits[: max(round(_SECOND * len(fits)), self.effort.survivors)]
-        further = [fitted(f.hypothesis.effects[0], f.x, f.z, f.residual) for f in leaders]
+        further = []
+        for i, fit in enumerate(leaders):
+            self.say("compare", 0.8 + 0.2 * i / len(leaders))
+            known = fit.residual if select is None else fit.residual[select]
+            further.append(fitted(fit.hypothesis.effects[0], fit.x, fit.z, known))
         return [(f.hypothesis.effects[0], f.x, f.z) for f in sorted(further, key=lambda f: f.cost)]
 
     def _screened(self, fit: Fit, span: tuple[float, float]) -> list[Screened]:
@@ -193,6 +204,8 @@ class Candidates:
             lambda share: self.say("screen", low + (high - low) * share),
             self.effort.hopeful,
             thorough=self.effort.twice,
+            windows=_COMPARED if self.effort.twice else WINDOWS,
+            glance=self._glance if self.effort.twice else None,
         )
 
     def fitted(self, starts: Sequence[Start], base: Scored) -> list[Scored]:
@@ -377,17 +390,16 @@ class Candidates:
         effect, a play, fits had stopped short.
         """
         fitter, z = self.fitter, np.zeros_like(base.z)
-        kept, fitter.jacobian, found = fitter.jacobian, fitter.nominal_jacobian.copy(), []
+        found = []
         present = {e.key for e in base.hypothesis.effects}
         alone = [s.fit for s in singles if s.fit.hypothesis.effects[0].key not in present]
-        try:
+        with fitter.sensitivities_kept():
+            fitter.jacobian = fitter.nominal_jacobian
             for i, single in enumerate(alone[:_UNTOUCHED]):
                 self.say("fit beside untouched", i / _UNTOUCHED)
                 hypothesis = base.hypothesis.with_effect(single.hypothesis.effects[0])
                 fit = fitter.fit(hypothesis, np.concatenate([base.x, single.x]), z)
                 found.append(self.scores.scored(fitter.cross_validate(fit)))
-        finally:
-            fitter.jacobian = kept
         return found
 
     def _swapped(self, pairs: list[Scored], screened: Sequence[Screened]) -> list[Scored]:

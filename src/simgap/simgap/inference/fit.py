@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 from scipy.stats import truncnorm
 
+from simgap.inference.budget import NUISANCES, Budget
 from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.likelihood import Likelihood
 from simgap.inference.nuisance import BOX, Nuisance, apply_nuisances
@@ -58,6 +60,7 @@ class Fitter:
         """``base``: the model beside which hypotheses stand; the plant's own where None."""
         self.residuals, self.nuisances = residuals, list(nuisances)
         self.left_out: list[Nuisance] = []
+        self.budget = Budget()
         self.windows = residuals.replayer.windows
         self.base = base or Variant.nominal(residuals.replayer.plant)
         self.count = np.maximum(residuals.mask.sum(axis=1), 1).astype(float)
@@ -93,7 +96,12 @@ class Fitter:
         select: Ints | None = None,
         soft: bool = False,
     ) -> Array:
-        """Residuals (n, nw, ns, nl) at points (x, z); ``soft``: where contacts set in softly."""
+        """Residuals (n, nw, ns, nl) at points (x, z); ``soft``: where contacts set in softly.
+
+        Raises:
+            OutOfTimeError: the time for what is being looked for is over.
+        """
+        self.budget.check()
         moments = [float(m) for m in self._moments] if hypothesis.grows else [0.0]
         variants = [self.variant(hypothesis, x, z, moment) for x, z in points for moment in moments]
         for variant in variants if soft else ():
@@ -202,7 +210,7 @@ class Fitter:
 
         The array that was there stays as it is: who keeps it has what was true there.
         """
-        self.jacobian = self.jacobian.copy()
+        found = self.jacobian.copy()
         signs = np.where(z > 0, -1.0, 1.0)
         rows = np.arange(len(z)) if which is None else np.flatnonzero(which)
         for first in range(0, len(rows), 16):
@@ -212,7 +220,8 @@ class Fitter:
                 moved[i] += signs[i] * _NUISANCE_STEP
                 points.append((x, moved))
             changes = self._changes(hypothesis, (x, z), points, residual)
-            self.jacobian[part] = changes / (signs[part, None, None, None] * _NUISANCE_STEP)
+            found[part] = changes / (signs[part, None, None, None] * _NUISANCE_STEP)
+        self.jacobian = found
 
     def moved(self, fit: Fit) -> NDArray[np.bool_] | None:
         """Nuisances whose sensitivities a fit may have changed: of many those that it moved, else all (None)."""
@@ -243,8 +252,9 @@ class Fitter:
         z = np.zeros(len(self.nuisances))
         residual = self.replay(empty, [(none, z)])[0]
         self.estimate_independent(residual)
-        fit = Fit(empty, none, z, self._cost(residual, z), residual, np.zeros((0, *residual.shape)))
+        fit = Fit(empty, none, z, self.cost(residual, z), residual, np.zeros((0, *residual.shape)))
         self.nominal = fit
+        hurried = False
         for round_ in range(_ROUNDS if len(z) <= MANY else 1):
             self.refresh(empty, none, fit.z, fit.residual, self.moved(fit) if round_ else None)
             if round_ == 0:
@@ -253,7 +263,12 @@ class Fitter:
             before, fit = fit.cost, self.fit(empty, none, fit.z, iterations=4, known=fit.residual)
             if before - fit.cost < _SETTLED and round_ > 0:
                 break
-        self.refresh(empty, none, fit.z, fit.residual, self.moved(fit))
+            hurried = self.budget.spent(NUISANCES)
+            if hurried:
+                self.budget.ended("nuisances")
+                break
+        if not hurried:
+            self.refresh(empty, none, fit.z, fit.residual, self.moved(fit))
         self.estimate_independent(fit.residual)
         return self.fit(empty, none, fit.z, iterations=2, known=fit.residual)
 
@@ -262,7 +277,10 @@ class Fitter:
 
         An effect and the nuisances that can imitate it form a long narrow valley; more rounds follow it further.
         """
-        kept, fit = self.jacobian.copy(), self.complete(fit)
+        with self.sensitivities_kept():
+            return self._polished(self.complete(fit), rounds)
+
+    def _polished(self, fit: Fit, rounds: int) -> Fit:
         strained = fit.prior > _STRAINED
         for _ in range(rounds):
             self.refresh(fit.hypothesis, fit.x, fit.z, fit.residual, self.moved(fit))
@@ -274,9 +292,16 @@ class Fitter:
             gain, fit = fit.cost - better.cost, better
             if gain < _VALLEY:
                 break
-        fit = self.cross_validate(fit)
-        self.jacobian = kept
-        return fit
+        return self.cross_validate(fit)
+
+    @contextmanager
+    def sensitivities_kept(self) -> Iterator[None]:
+        """The nuisances' sensitivities are afterwards what they were, also where the time is over in the midst."""
+        kept = self.jacobian
+        try:
+            yield
+        finally:
+            self.jacobian = kept
 
     def fit(
         self,
@@ -295,13 +320,28 @@ class Fitter:
         ``known`` is the residual at (x, z) and ``slope`` its change by the effects' parameters, where computed.
         ``roughly``: the fit's own sensitivities are left to `complete`.
         """
+        with self.sensitivities_kept():
+            found = self._descended(hypothesis, x, z, iterations, known, select, box, slope)
+        return found if roughly else self.complete(found)
+
+    def _descended(
+        self,
+        hypothesis: Hypothesis,
+        x: Array,
+        z: Array,
+        iterations: int,
+        known: Array | None,
+        select: Ints | None,
+        box: float,
+        slope: Array | None,
+    ) -> Fit:
         low, high = hypothesis.scaled(hypothesis.vector("low")), hypothesis.scaled(hypothesis.vector("high"))
         neutral = hypothesis.scaled(hypothesis.vector("neutral"))
         x, z = hypothesis.values(hypothesis.scaled(x)), z.copy()
         residual = self.replay(hypothesis, [(x, z)], select)[0] if known is None else known
-        cost = self._cost(residual, z, select)
+        cost = self.cost(residual, z, select)
         jacobian = np.zeros((len(x), *residual.shape)) if slope is None else slope
-        fresh, stale, shared = slope is not None, slope is None, self.jacobian
+        fresh, stale = slope is not None, slope is None
         if select is not None:
             self.jacobian = self.jacobian[:, select]
         for _ in range(iterations):
@@ -314,7 +354,7 @@ class Fitter:
             for t in _TRIALS:
                 point = hypothesis.values(u + t * dx), np.clip(z + t * dz, -box, box)
                 tried = self.replay(hypothesis, [point], select)[0]
-                new_cost = self._cost(tried, point[1], select)
+                new_cost = self.cost(tried, point[1], select)
                 if new_cost < cost:
                     break
             else:
@@ -324,7 +364,7 @@ class Fitter:
                 continue
             moved_x, moved_z = hypothesis.scaled(point[0]) - u, point[1] - z
             foreseen = residual + np.tensordot(moved_x, jacobian, 1) + np.tensordot(moved_z, self.jacobian, 1)
-            gain, hoped = cost - new_cost, cost - self._cost(foreseen, point[1], select)
+            gain, hoped = cost - new_cost, cost - self.cost(foreseen, point[1], select)
             missed, length = tried - foreseen, float(moved_x @ moved_x + moved_z @ moved_z)
             if length > 0:
                 # Broyden: what the step taught about the sensitivities is kept for this fit.
@@ -336,12 +376,10 @@ class Fitter:
                 fresh = False
                 break
             fresh, stale = False, gain < max(0.5 * hoped, _ENDED)
-        self.jacobian = shared
         if select is not None:
             residual, fresh = self.replay(hypothesis, [(x, z)])[0], False
-            cost = self._cost(residual, z)
-        fit = Fit(hypothesis, x, z, cost, residual, jacobian if fresh else jacobian[:0])
-        return fit if roughly else self.complete(fit)
+            cost = self.cost(residual, z)
+        return Fit(hypothesis, x, z, cost, residual, jacobian if fresh else jacobian[:0])
 
     def complete(self, fit: Fit) -> Fit:
         """A fit with its effects' sensitivities in all windows, computed where they are not there."""
@@ -449,7 +487,8 @@ class Fitter:
             points.append((hypothesis.values(moved), z))
         return self._changes(hypothesis, (x, z), points, residual, select) / steps[:, None, None, None]
 
-    def _cost(self, residual: Array, z: Array, select: Ints | None = None) -> float:
+    def cost(self, residual: Array, z: Array, select: Ints | None = None) -> float:
+        """Cost [nats] of a residual in all (or selected) windows and of nuisances z."""
         return float(self.data_cost(self.mean_square(residual, select), select)) + 0.5 * float(z @ z)
 
 

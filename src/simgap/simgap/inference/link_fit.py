@@ -84,7 +84,7 @@ class LinkFitter:
         """Fit the link's parameter, those of ``others`` from ``x`` and all nuisances from ``z``, in rounds."""
         fitter = self._fitter
         hypothesis, around = Hypothesis((*others, effect)), Hypothesis(others)
-        parameter, kept = effect.parameters[0], fitter.jacobian
+        parameter = effect.parameters[0]
         first = np.array([0.5 * parameter.tries[0], *parameter.tries])
         grid = np.sort(np.concatenate([first, 0.5 * (first[1:] + first[:-1])]))[1:]
         about = float(parameter.tries[1])
@@ -94,13 +94,12 @@ class LinkFitter:
             scatter = Scatter(fitter, model, np.array(effect.site.targets), lag, law)
             last = np.inf
             for round_ in range(_ROUNDS):
-                fitter.jacobian = kept.copy()
                 at = np.append(x, about)
                 residual = fitter.replay(hypothesis, [(at, z)])[0]
-                fitter.refresh(hypothesis, at, z, residual)
-                own = fitter.sensitivities(hypothesis, at, z, residual)[:-1]
-                state = _State(x, z, np.concatenate([own, fitter.jacobian]))
-                fitter.jacobian = kept
+                with fitter.sensitivities_kept():
+                    fitter.refresh(hypothesis, at, z, residual)
+                    own = fitter.sensitivities(hypothesis, at, z, residual)[:-1]
+                    state = _State(x, z, np.concatenate([own, fitter.jacobian]))
                 room = _room(around, state)
                 points = self._points(hypothesis, effect, scatter, state, room, grid)
                 best = min(range(len(points)), key=lambda i: points[i].cost)

@@ -96,6 +96,7 @@ def refit(fitter: Fitter, fit: Fit, say: Callable[[float], None] = lambda share:
         return None
     residuals = Residuals.build(replayer, _variant(fitter, fit))
     plain = Fitter(residuals, fitter.nuisances, fitter.base)
+    plain.budget = fitter.budget
     plain.estimate_independent(plain.replay(fit.hypothesis, [(fit.x, fit.z)])[0])
     before = _held_cost(plain, fit)
     best: LongWindows | None = None
@@ -103,7 +104,7 @@ def refit(fitter: Fitter, fit: Fit, say: Callable[[float], None] = lambda share:
         say(k / len(WIDER))
         share = np.array([wider if undrawn(n) else 1.0 for n in fitter.nuisances])
         own = Fitter(residuals, [n.scaled(s) for n, s in zip(fitter.nuisances, share, strict=True)], fitter.base)
-        own.likelihood = plain.likelihood
+        own.likelihood, own.budget = plain.likelihood, fitter.budget
         found = _fitted(own, fit, np.clip(fit.z / share, -BOX, BOX))
         gain = before - (float(np.nansum(found.held_cost)) + found.prior)
         if gain > (best.gain if best else 0.0):

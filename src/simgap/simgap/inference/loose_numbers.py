@@ -29,7 +29,9 @@ _TAIL = 1.0
 _ROUNDS, _INNER = 8, 6
 """Of new sensitivities, and of new weights of the prior with each."""
 _TRIALS = (1.0, 0.5, 0.25)
-_ENDED = 1.0
+_MOVED = 0.5
+"""Standard deviations that a number has to move for its sensitivities to be taken anew."""
+_ENDED = 4.0
 """[nats] A fit ends when a round gains less."""
 _FIELDS = (
     "body_mass",
@@ -51,14 +53,19 @@ _SIZES = 1e-12
 def fit_loosely(fitter: Fitter) -> Array:
     """Nominal numbers (nz,) in standard deviations of their usual priors, begun where the model has them."""
     assert fitter.nominal is not None
-    nothing, none, kept = Hypothesis(), np.zeros(0), fitter.jacobian
+    nothing, none = Hypothesis(), np.zeros(0)
     z, residual = np.zeros_like(fitter.nominal.z), fitter.nominal.residual
     cost = float(fitter.data_cost(fitter.mean_square(residual)))
-    fitter.jacobian = fitter.nominal_jacobian
-    try:
+    with fitter.sensitivities_kept():
+        fitter.jacobian = fitter.nominal_jacobian
+        about = z.copy()
         for round_ in range(_ROUNDS):
-            if round_:
-                fitter.refresh(nothing, none, z, residual)
+            moved = np.abs(z - about) > _MOVED
+            if moved.any():
+                fitter.refresh(nothing, none, z, residual, moved)
+                about[moved] = z[moved]
+            elif round_:
+                break
             step = _step(fitter, residual, z)
             points = [z + t * step for t in _TRIALS]
             residuals = fitter.replay(nothing, [(none, p) for p in points])
@@ -69,8 +76,6 @@ def fit_loosely(fitter: Fitter) -> Array:
                 z, residual, cost = points[best], residuals[best], float(costs[best])
             if gain < _ENDED:
                 break
-    finally:
-        fitter.jacobian = kept
     return z
 
 

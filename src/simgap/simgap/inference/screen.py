@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,17 @@ _FARTHEST, _FURTHER, _ROUNDS = 1.5, 2.0, 3
 """A start value promises something for effects up to so many times as large; of one that promises most there, the next
 start lies so many times as far, so often. What is large beside the model's own (damping of a servo that hardly has to
 push) is not lost behind what happens to begin near its size."""
+
+
+@dataclass
+class Glance:
+    """What starts change in the windows of a glance, kept for a look about another fit.
+
+    What an effect changes depends little on which nominal numbers it stands beside, and a glance only proposes.
+    """
+
+    select: Ints | None = None
+    changes: dict[tuple[int, tuple[float, ...]], Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -72,11 +83,14 @@ def screen(
     progress: Callable[[float], None] | None = None,
     hopeful: int | None = None,
     thorough: bool = False,
+    windows: int = WINDOWS,
+    glance: Glance | None = None,
 ) -> list[Screened]:
     """Rank candidates, each added to ``fit``'s hypothesis; best first.
 
     Where a model has more than ``hopeful`` candidates, a look at fewer windows from moderate starts only leaves out
-    what promises least; ``thorough``: but from all of them.
+    what promises least; ``thorough``: but from all of them. ``windows`` are those of the closer look; ``glance`` keeps
+    what the first look about one fit saw for that about another of the same effects.
 
     The residual at a start value is a true replay; between it and the residual without the effect, and in the
     nuisances, it is taken for linear. One start is kept for each candidate.
@@ -85,15 +99,18 @@ def screen(
     if hopeful is not None and len(chosen) > 1.3 * hopeful:
         crowd = len(chosen) > _CROWD
         starts = {id(e): _glanced_at(e, crowd, thorough) + _far(e, crowd) for e in chosen}
-        few = informative_windows(fitter, fit, _GLANCE_CROWD if crowd else _GLANCE)
-        ranked = _ranked(fitter, fit, chosen, starts, few, progress, (0.0, 0.6), crowd and not thorough)
+        glance = glance or Glance()
+        if glance.select is None:
+            glance.select = informative_windows(fitter, fit, _GLANCE_CROWD if crowd else _GLANCE)
+        both = crowd and not thorough
+        ranked = _ranked(fitter, fit, chosen, starts, glance.select, progress, (0.0, 0.6), both, glance.changes)
         # What a robot has but one of (its ground, its link) is no crowd.
         sites = places(chosen)
         hope = ranked[:hopeful] + [s for s in ranked[hopeful:] if sites[s.effect.name] == 1]
         chosen, done = [s.effect for s in hope], 0.6
     starts = {id(e): e.starts() + _far(e, len(effects) > _CROWD) for e in chosen}
     jobs = sum(len(tries) for tries in starts.values())
-    count = int(np.clip(WINDOWS * _JOBS / max(jobs, 1), _FEWEST, WINDOWS))
+    count = int(np.clip(windows * _JOBS / max(jobs, 1), _FEWEST, windows))
     select = informative_windows(fitter, fit, count)
     fresh = _ranked(fitter, fit, chosen, starts, select, progress, (done, 1.0))
     best = {id(s.effect): s for s in fresh}
@@ -161,8 +178,13 @@ def _ranked(
     progress: Callable[[float], None] | None,
     span: tuple[float, float],
     both: bool = False,
+    known: dict[tuple[int, tuple[float, ...]], Array] | None = None,
 ) -> list[Screened]:
-    """Candidates by what their best start promises on the selected windows, best first; ``both``: or its opposite."""
+    """Candidates by what their best start promises on the selected windows, best first; ``both``: or its opposite.
+
+    Changes that are ``known`` are not replayed; those that are replayed are known from then on.
+    """
+    known = {} if known is None else known
     base = fit.residual[select]
     project = _projector(fitter, base, select)
     jobs = [(effect, np.array(start)) for effect in effects for start in starts[id(effect)]]
@@ -170,17 +192,21 @@ def _ranked(
     quick = _Quick(fitter, fit, base, select) if len(fitter.nuisances) > MANY else None
     for first in range(0, len(jobs), _BATCH):
         part = jobs[first : first + _BATCH]
-        variants = [fitter.variant(fit.hypothesis.with_effect(e), np.concatenate([fit.x, x]), fit.z) for e, x in part]
-        for (effect, x), residual in zip(part, fitter.residuals.of(variants, select), strict=True):
+        fresh = [(e, x) for e, x in part if (id(e), tuple(x)) not in known]
+        variants = [fitter.variant(fit.hypothesis.with_effect(e), np.concatenate([fit.x, x]), fit.z) for e, x in fresh]
+        for (effect, x), residual in zip(fresh, fitter.residuals.of(variants, select) if fresh else (), strict=True):
+            known[id(effect), tuple(x)] = residual - base
+        for effect, x in part:
+            response = known[id(effect), tuple(x)]
             if quick is None:
-                share, z, cost = _promise(fitter, fit, base, residual, select)
+                share, z, cost = _promise(fitter, fit, base, base + response, select)
             else:
-                share, z, cost = quick.promise(residual - base, -1.0 if both and _reversible(effect, x) else 0.0)
+                share, z, cost = quick.promise(response, -1.0 if both and _reversible(effect, x) else 0.0)
             reach = float(np.copysign(np.clip(abs(share), 0.15, _FARTHEST), share))
             start = np.array([p.at(reach * p.away(v)) for p, v in zip(effect.parameters, x.tolist(), strict=True)])
             if id(effect) not in best or cost < best[id(effect)].cost:
                 farthest = abs(share) > 0.99 * _FARTHEST
-                best[id(effect)] = Screened(effect, start, z, cost, project(residual - base), farthest)
+                best[id(effect)] = Screened(effect, start, z, cost, project(response), farthest)
         if progress:
             progress(span[0] + (span[1] - span[0]) * min(first + _BATCH, len(jobs)) / len(jobs))
     return sorted(best.values(), key=lambda s: s.cost)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from simgap.effects.base import Effect
 from simgap.effects.growing import MIN_DURATION, Growing
-from simgap.inference.budget import Budget, OutOfTimeError
+from simgap.inference.budget import SEARCH, Budget, OutOfTimeError
 from simgap.inference.candidates import (
     FAVOURITES,
     FIT_WINDOWS,
@@ -97,6 +97,7 @@ class Selector:
         self._hints = list(hints)
         self._effort, self.budget = effort or Effort(), budget or Budget()
         self.fitter, self.effects, self.scores, self.seed = fitter, list(effects), Scores(fitter, seed), seed
+        fitter.budget = self.budget
         self.candidates = Candidates(fitter, self.effects, self.scores, self._effort, self.budget.watch(progress))
         self._sites = places(self.effects)
 
@@ -118,10 +119,11 @@ class Selector:
         reference = self.scores.scored(fitter.cross_validate(fitter.fit_nuisances()))
         self._found = Selection(reference, self._nominal_gap(), reference)
         try:
-            begun = self._begun_near(self._found)
-            found = self._compete(reference, begun)
-            if begun is not None:
-                found = self._compared(begun, found)
+            with self.budget.until(SEARCH):
+                begun = self._begun_near(self._found)
+                found = self._compete(reference, begun)
+                if begun is not None:
+                    found = self._compared(begun, found)
         except OutOfTimeError as spent:
             self.budget.ended(str(spent))
             found = self._hurried()
@@ -129,7 +131,8 @@ class Selector:
             self._settle(found)
             if not self.budget.left_out:
                 try:
-                    self._grow(found)
+                    with self.budget.until(SEARCH):
+                        self._grow(found)
                 except OutOfTimeError as spent:
                     self.budget.ended(str(spent))
         return found
@@ -336,8 +339,10 @@ class Selector:
     def _settle(self, result: Selection) -> None:
         """Fit the winner once more with all nuisance sensitivities its own: its intervals rest on them."""
         old = result.best
-        self.fitter.refresh(old.fit.hypothesis, old.fit.x, old.fit.z, old.fit.residual)
-        fit = self.fitter.fit(old.fit.hypothesis, old.fit.x, old.fit.z, known=old.fit.residual)
+        # Where the time ended after starts were judged anew, what the fit remembers is judged as before.
+        residual = self.fitter.replay(old.fit.hypothesis, [(old.fit.x, old.fit.z)])[0]
+        self.fitter.refresh(old.fit.hypothesis, old.fit.x, old.fit.z, residual)
+        fit = self.fitter.fit(old.fit.hypothesis, old.fit.x, old.fit.z, known=residual)
         fit = self.fitter.cross_validate(fit)
         fit.covariance = self.fitter.covariance(fit, thorough=True)
         result.best = self.scores.scored(fit)
