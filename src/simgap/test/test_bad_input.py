@@ -270,6 +270,15 @@ CASES: dict[str, tuple[Callable[[Files], None], str, str, str]] = {
         "diagnosis",
         ".",
     ),
+    "diagnosis that was edited": (
+        _file(
+            map_text='{"schema": "simgap/diagnosis/1", "correction": {"model": [3]}}',
+            words=["apply", "{map}", "--model", "{model}", "--out", "{folder}/out.xml"],
+        ),
+        "map.yaml",
+        "correction",
+        "run it again",
+    ),
     "model overwritten": (
         _words("apply", "{map}", "--model", "{model}", "--out", "{model}"),
         "arm.xml",
