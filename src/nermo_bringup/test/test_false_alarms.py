@@ -13,8 +13,7 @@ from nermo_description.robots import load_robot
 from nermo_hw.safety.rules import Cause, State
 from nermo_hw.safety.supervisor import SafetySupervisor
 from nermo_hw.types import Fault, SensorSample
-from nermo_sim.nodes.mujoco_sim import TYPICAL_NOISE
-from nermo_sim.sensor_data import SensorNoise
+from nermo_sim.sensor_data import TYPICAL_NOISE
 from nermo_sim.twin import Twin
 
 STALL_CURRENT = 0.9
@@ -25,8 +24,7 @@ class SupervisedTwin:
 
     def __init__(self, robot: str, noise: float, seed: int = 0) -> None:
         self.robot = load_robot(robot)
-        deviations = SensorNoise(**{name: noise * value for name, value in TYPICAL_NOISE.items()})
-        self.twin = Twin(self.robot, noise=deviations if noise else None, seed=seed)
+        self.twin = Twin(self.robot, noise=TYPICAL_NOISE.times(noise) if noise else None, seed=seed)
         self.controller = Controller(self.robot, GaitParameters(), self.twin.period_ns)
         self.supervisor = SafetySupervisor(self.robot, now=self.twin.time_ns)
         self.battery = Battery()

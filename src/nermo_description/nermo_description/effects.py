@@ -26,7 +26,8 @@ class EffectKind:
     values: dict[str, Range]
     """By name, with unit and what is allowed."""
     acts_on: Literal["model", "commands"] = "model"
-    """What it is entered into: the model of the robot, or the commands on their way to its servos."""
+    """What it is entered into: the model of the robot (`deviations.py`), or the commands on their way to its servos
+    (`nermo_sim/command_path.py`)."""
     any_of: bool = False
     """Whether some of the values are enough."""
     also: str = ""

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Silence:
-    """One row. How long sensors and the device may fail is in the supervisor's table of rules."""
+    """One row. How long sensors and the device may fail is in the supervisor's table of rules.
+
+    Nermo-Lite's firmware holds copies of HOLD's and WATCHDOG's times: `python -m nermo_hw.firmware.header` writes them.
+    """
 
     of: str
     """What does not come."""

@@ -12,7 +12,7 @@ import typer
 import simgap.cli
 from nermo_gap.blind.cli import mice_app
 from simgap.blind.cli import blind_app
-from simgap.console import HELP, called, fail, print_diagnosis, progress, refusals, silence, write_diagnosis
+from simgap.console import HELP, called, fail, print_diagnosis, progress, refusals, silence, writable, write_diagnosis
 from simgap.execution.executors import HELP as EXECUTOR
 from simgap.execution.executors import PROCESSES
 
@@ -76,9 +76,11 @@ def diagnose_command(
     json_: Annotated[Path | None, typer.Option("--json", help="File for the diagnosis.")] = None,
     effects: Annotated[list[Path] | None, typer.Option(help="Python files with effects of your own.")] = None,
     only: Annotated[list[str] | None, typer.Option(help="Consider this effect only (may be repeated).")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
     baselines: Annotated[bool, typer.Option(help="Also fit everything at once, for comparison.")] = True,
-    budget: Annotated[float | None, typer.Option(help="Seconds that it may take; the best answer by then.")] = None,
+    budget: Annotated[
+        float | None, typer.Option(min=1.0, help="Seconds that it may take; the best answer by then.")
+    ] = None,
     reference: Annotated[
         list[Path] | None,
         typer.Option(help="A recording of the same robot when it was well (may be repeated): what has changed since?"),
@@ -106,6 +108,7 @@ def diagnose_command(
         from simgap.data.recording import load_recording
         from simgap.effects.library import load_effects
 
+        writable(out or (None if json_ else Path("diagnosis")), json_)
         extra = tuple(c for path in effects or () for c in load_effects(path))
         with silence() as terminal, progress("align", terminal) as say:
             options = Options(seed, None, extra, {}, baselines, tuple(only or ()), say, budget=budget)
@@ -251,6 +254,7 @@ def detectability_command(
         from simgap.analysis.diagnose import write_report
         from simgap.console import size_of
 
+        writable(None, json_)
         parameters = load_robot(robot)
         channels = channels_of(sensors, parameters)
         rows = detectable(parameters, protocol_of(protocol, parameters, channels.markers), channels)

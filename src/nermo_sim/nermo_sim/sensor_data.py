@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,6 +96,10 @@ class SensorNoise:
     knee_encoder: float = 0.0
     """[rad]"""
 
+    def times(self, factor: float) -> SensorNoise:
+        """So many times as much on every sensor."""
+        return SensorNoise(*(factor * deviation for deviation in astuple(self)))
+
     def deviations(self, layout: ModelLayout, size: int) -> Array:
         """Standard deviation of each element of `sensordata`, shape (size,)."""
         result = np.zeros(size)
@@ -111,3 +115,16 @@ class SensorNoise:
         ):
             result[where] = deviation
         return result
+
+
+TYPICAL_NOISE = SensorNoise(
+    servo_position=0.002,
+    servo_velocity=0.05,
+    servo_torque=0.002,
+    orientation=0.002,
+    angular_velocity=0.01,
+    linear_acceleration=0.1,
+    foot_force=0.02,
+    knee_encoder=0.005,
+)
+"""Of a 12-bit potentiometer, a consumer IMU, a printed force cell."""

@@ -71,16 +71,3 @@ class SimParameters(BaseModel):
             "truth/foot_forces": self.foot_force_rate,
             "battery": self.battery_rate,
         }
-
-
-TYPICAL_NOISE = {
-    "servo_position": 0.002,
-    "servo_velocity": 0.05,
-    "servo_torque": 0.002,
-    "orientation": 0.002,
-    "angular_velocity": 0.01,
-    "linear_acceleration": 0.1,
-    "foot_force": 0.02,
-    "knee_encoder": 0.005,
-}
-"""Deviations of `SensorNoise` at sensor_noise = 1: a 12-bit potentiometer, a consumer IMU, a printed force cell."""

@@ -15,7 +15,7 @@ from nermo_description.command_follower import Following
 from nermo_description.parameters import RobotParameters
 from nermo_sim.divergence import STATE, SimulationDivergedError, load_dump
 from nermo_sim.layout import ModelError
-from nermo_sim.sensor_data import SensorNoise
+from nermo_sim.sensor_data import TYPICAL_NOISE, SensorNoise
 from nermo_sim.twin import Twin
 
 GRAVITY = 9.81
@@ -249,6 +249,18 @@ def test_noise_has_the_stated_deviation_and_only_where_stated(robot: RobotParame
         errors.append(np.subtract(measured.angular_velocity, true.angular_velocity))
         assert measured.servo_positions == true.servo_positions
     assert np.std(errors) == pytest.approx(0.2, rel=0.1)
+
+
+def test_typical_noise_is_on_every_reading_that_the_robot_has(robot: RobotParameters, compiled: mujoco.MjModel) -> None:
+    once, thrice = Twin(robot, model=compiled, noise=TYPICAL_NOISE), TYPICAL_NOISE.times(3.0)
+    layout, size = once.layout, compiled.nsensordata
+    deviations = TYPICAL_NOISE.deviations(layout, size)
+    assert thrice.deviations(layout, size) == pytest.approx(3.0 * deviations)
+    readings = ("servo_positions", "servo_velocities", "servo_torques", "orientation", "angular_velocity")
+    clean = Twin(robot, model=compiled)
+    noisy, true = once.step(held(once)), clean.step(held(clean))
+    for name in (*readings, "linear_acceleration", "foot_forces", "knee_encoders"):
+        assert np.all(np.not_equal(getattr(noisy, name), getattr(true, name))), name
 
 
 def test_interpolation_reaches_the_same_target_without_a_step(robot: RobotParameters, compiled: mujoco.MjModel) -> None:

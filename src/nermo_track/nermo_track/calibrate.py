@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from nermo_track.camera import Camera
 from nermo_track.errors import TrackError
 from nermo_track.film import Film, Picture
-from nermo_track.sightings import dictionary
+from nermo_track.layout import DICTIONARY
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class Calibration:
 def board() -> cv2.aruco.CharucoBoard:
     """The board: chequers whose white squares hold tags."""
     tags = np.arange(FIRST_TAG, FIRST_TAG + COLUMNS * ROWS // 2)
-    return cv2.aruco.CharucoBoard((COLUMNS, ROWS), SQUARE, INNER_TAG, dictionary(), tags)
+    return cv2.aruco.CharucoBoard((COLUMNS, ROWS), SQUARE, INNER_TAG, DICTIONARY, tags)
 
 
 def calibrate(

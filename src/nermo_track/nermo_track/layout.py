@@ -6,6 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -16,10 +17,11 @@ from nermo_description.parameter_files import read_yaml, validate
 Array = NDArray[np.float64]
 
 STANDARD = Path(__file__).with_name("tags.yaml")
-FAMILY = "AprilTag 36h11"
-MODULES = 8
+FAMILY, DICTIONARY = "AprilTag 36h11", cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+"""Of the tags that are printed and looked for, and OpenCV's patterns of them; another family is named here alone."""
+MODULES: int = DICTIONARY.markerSize + 2
 """Squares along the edge of a tag of this family, its black border included."""
-TAGS = 587
+TAGS: int = len(DICTIONARY.bytesList)
 """How many this family has."""
 
 Metre = Annotated[float, Field(ge=-20.0, le=20.0, json_schema_extra={"unit": "m"})]

@@ -11,8 +11,7 @@ import numpy as np
 
 from nermo_track.calibrate import COLUMNS, ROWS, SQUARE, board
 from nermo_track.errors import TrackError
-from nermo_track.layout import FAMILY, MODULES, Layout, Tag
-from nermo_track.sightings import dictionary
+from nermo_track.layout import DICTIONARY, FAMILY, MODULES, Layout, Tag
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -81,7 +80,7 @@ def _say(axes: Axes, x: float, y: float, text: str) -> None:
 def _tag(axes: Axes, tag: Tag, x: float, y: float) -> None:
     """One tag with its middle at x, y [mm], upright."""
     half = 500.0 * tag.size
-    modules = cv2.aruco.generateImageMarker(dictionary(), tag.id, MODULES, borderBits=1)
+    modules = cv2.aruco.generateImageMarker(DICTIONARY, tag.id, MODULES, borderBits=1)
     axes.imshow(
         modules, cmap="gray", vmin=0, vmax=255, extent=(x - half, x + half, y - half, y + half), interpolation="none"
     )

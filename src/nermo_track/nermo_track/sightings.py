@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from nermo_track.edges import refined
 from nermo_track.errors import TrackError
 from nermo_track.film import Film, Picture
-from nermo_track.layout import Layout
+from nermo_track.layout import DICTIONARY, Layout
 
 Array = NDArray[np.float64]
 
@@ -32,11 +32,6 @@ class Sightings:
         return self.corners[:, [self.ids.index(number) for number in numbers]]
 
 
-def dictionary() -> cv2.aruco.Dictionary:
-    """OpenCV's tags of our family."""
-    return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-
-
 def whole(corners: Array) -> NDArray[np.bool_]:
     """(...) Which tags of corners (..., 4, 2) are seen with all four."""
     return np.asarray(np.isfinite(corners).all(axis=(-2, -1)), dtype=bool)
@@ -47,7 +42,7 @@ class Detector:
 
     def __init__(self, ids: tuple[int, ...]) -> None:
         self._ids = ids
-        self._detector = cv2.aruco.ArucoDetector(dictionary(), cv2.aruco.DetectorParameters())
+        self._detector = cv2.aruco.ArucoDetector(DICTIONARY, cv2.aruco.DetectorParameters())
 
     def find(self, picture: Picture) -> Array:
         """(tags, 4, 2) [px] Corners in one picture, NaN where a tag is not in it."""

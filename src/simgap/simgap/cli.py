@@ -23,6 +23,7 @@ from simgap.console import (
     refusals,
     silence,
     warn_of_guess,
+    writable,
     write_diagnosis,
 )
 from simgap.data.formats import BAGS, TABLES, listed
@@ -67,9 +68,11 @@ def diagnose_command(
     json_: Annotated[Path | None, typer.Option("--json", help="File for the diagnosis.")] = None,
     effects: Annotated[list[Path] | None, typer.Option(help="Python files with effects of your own.")] = None,
     only: Annotated[list[str] | None, typer.Option(help="Consider this effect only (may be repeated).")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
     baselines: Annotated[bool, typer.Option(help="Also fit everything at once, for comparison.")] = True,
-    budget: Annotated[float | None, typer.Option(help="Seconds that it may take; the best answer by then.")] = None,
+    budget: Annotated[
+        float | None, typer.Option(min=1.0, help="Seconds that it may take; the best answer by then.")
+    ] = None,
     reference: Annotated[
         list[Path] | None,
         typer.Option(help="A recording of the same robot when it was well (may be repeated): what has changed since?"),
@@ -95,6 +98,7 @@ def diagnose_command(
     with refusals():
         from simgap.many import Wanted, diagnose_each, diagnose_files
 
+        writable(out or (None if json_ and not each else Path("diagnosis")), json_)
         wanted = Wanted(
             tuple(recordings),
             model,
@@ -150,6 +154,8 @@ def apply_command(
     source = model or urdf
     if source is None or (model is not None and urdf is not None):
         fail("give --model MODEL.xml, the MJCF that was diagnosed, or --urdf ROBOT.urdf", 2)
+    if urdf is None and out.suffix.lower() != ".xml":
+        fail(f"--out: {out} must end in .xml, as MuJoCo's models do", 2)
     if out.resolve() == source.resolve():
         fail(f"--out: {out} is the model itself; choose another name", 2)
     if urdf is not None:
@@ -242,6 +248,7 @@ def check_command(
         from simgap.data.recording import load_recording
         from simgap.preparation.check import check
 
+        writable(None, json_)
         plant = build_plant(load_spec(model), load_map(map_))
         with silence():
             found = check([load_recording(r, plant) for r in recordings], plant, detect=True)
@@ -318,6 +325,7 @@ def monitor_command(
         from simgap.monitoring.monitor import SPAN, Monitor
         from simgap.monitoring.watch import line, report, watch
 
+        writable(None, json_)
         plant = build_plant(load_spec(model), load_map(map_))
         source = follow(recording, plant.map)
         monitor = Monitor(plant, [load_recording(r, plant) for r in reference or ()])
@@ -344,7 +352,7 @@ def monitor_command(
 @app.command("example")
 def example_command(
     out: Annotated[Path, typer.Option(help="Folder for model, map, log and diagnosis.")] = Path("example"),
-    seed: Annotated[int, typer.Option(help="Which fault, and which motion.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Which fault, and which motion.")] = 0,
     diagnosed: Annotated[bool, typer.Option("--diagnose/--make-only", help="Also diagnose it, in a minute.")] = True,
 ) -> None:
     """Make the log of a simulated arm with a hidden fault, diagnose it, and say what was hidden.

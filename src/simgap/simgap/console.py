@@ -98,6 +98,23 @@ def warn_of_guess(verdict: str) -> None:
         typer.echo(f"warning: the verdict was {verdict}; what is written is its best guess", err=True)
 
 
+def writable(out: Path | None, json_: Path | None) -> None:
+    """Whether results will go into a folder and a file, asked before they are worked for; nothing is made yet.
+
+    Raises:
+        GapInputError: they will not.
+    """
+    for option, folder in (("--out", out), ("--json", json_.parent if json_ else None)):
+        if folder is None:
+            continue
+        above = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+        if not above.is_dir() or not os.access(above, os.W_OK):
+            why = "nothing may be written there" if above.is_dir() else "it is a file and no folder"
+            raise GapInputError(f"{option}: {above}: {why}; choose another")
+    if json_ is not None and json_.is_dir():
+        raise GapInputError(f"--json: {json_}: is a folder; give a file in it")
+
+
 @contextlib.contextmanager
 def refusals() -> Iterator[None]:
     """Input that cannot be used ends the command with its sentence and status 2."""
@@ -161,8 +178,10 @@ def _print_detectable(rows: Sequence[Detectable], console: Console) -> None:
 
 def size_of(row: Detectable) -> str:
     """The smallest size of an effect that shows, with its unit."""
+    if row.parameter.startswith("factor") and row.smallest is not None:
+        return f"x {1.0 + float(f'{row.smallest - 1.0:.2g}'):.6g}"
     if row.unit == "1":
-        return f"x {row.smallest:.3g}" if row.parameter.startswith("factor") else f"{row.smallest:.2g}"
+        return f"{row.smallest:.2g}"
     return f"{row.smallest:.2g} {row.unit}"
 
 
@@ -248,6 +267,9 @@ def write_diagnosis(found: Diagnosis, out: Path | None, json_: Path | None) -> P
 
     Returns:
         The page, or where none is asked for the diagnosis.
+
+    Raises:
+        GapInputError: they cannot be written.
     """
     from simgap.analysis.diagnose import write_experiment, write_report
     from simgap.correction.apply import diagnosed
@@ -255,10 +277,13 @@ def write_diagnosis(found: Diagnosis, out: Path | None, json_: Path | None) -> P
     from simgap.report.html import write_page
 
     found.report["correction"] = diagnosed(found.selector.fitter, found.numbers, found.report["effects"]).report()
-    if out or json_:
-        write_experiment(found, out or json_.parent, found.menu)  # type: ignore[union-attr]
-    for path in filter(None, [json_, out / "diagnosis.json" if out else None]):
-        write_report(found.report, path)
+    try:
+        if out or json_:
+            write_experiment(found, out or json_.parent, found.menu)  # type: ignore[union-attr]
+        for path in filter(None, [json_, out / "diagnosis.json" if out else None]):
+            write_report(found.report, path)
+    except OSError as error:
+        raise GapInputError(f"{error.filename}: cannot be written ({error.strerror})") from error
     if out:
         write_page(found.report, gather(found), out / "report.html")
         return out / "report.html"

@@ -21,6 +21,7 @@ from simgap.cli import app
 Array = NDArray[np.float64]
 
 SECONDS = 8.0
+DIAGNOSE = ("diagnose", "{log}", "--model", "{model}", "--map", "{map}")
 
 
 @dataclass
@@ -39,7 +40,7 @@ class Files:
 
     def run(self) -> Any:
         paths = {name: self.folder / file for name, file in (("model", "arm.xml"), ("map", "map.yaml"))}
-        paths["log"] = self.folder / self.log
+        paths |= {"log": self.folder / self.log, "folder": self.folder}
         paths["model"].write_text(self.model)
         paths["map"].write_text(self.map_text or yaml.safe_dump(self.mapping))
         if self.content is not None:
@@ -218,8 +219,10 @@ CASES: dict[str, tuple[Callable[[Files], None], str, str, str]] = {
         "'q0': row 3",
         "leave the cell empty",
     ),
+    "names not in UTF-8": (_file(content=b"t,u\xfc\n0,0\n"), "log.csv", "a byte .0xfc", "save the table in UTF-8"),
     "header twice": (_file(content=b"t,q0,q0\n0,0,0\n"), "log.csv", "'q0' twice", "header"),
-    "empty file": (_file(content=b""), "log.csv", "holds no numbers", "table"),
+    "empty file": (_file(content=b""), "log.csv", "holds no numbers", "needs rows"),
+    "header alone": (_file(content=b"t,u0,u1,q0,q1\n"), "log.csv", "holds no numbers", "needs rows"),
     "pickled array": (_pickled, "log.npz", "pickle", "numpy.savez"),
     "columns of unequal length": (_lengths, "log.npz", "columns differ in length", "rows"),
     "archive that is none": (
@@ -267,11 +270,40 @@ CASES: dict[str, tuple[Callable[[Files], None], str, str, str]] = {
         "diagnosis",
         ".",
     ),
+    "diagnosis that was edited": (
+        _file(
+            map_text='{"schema": "simgap/diagnosis/1", "correction": {"model": [3]}}',
+            words=["apply", "{map}", "--model", "{model}", "--out", "{folder}/out.xml"],
+        ),
+        "map.yaml",
+        "correction",
+        "run it again",
+    ),
     "model overwritten": (
         _words("apply", "{map}", "--model", "{model}", "--out", "{model}"),
         "arm.xml",
         "--out",
         "choose another name",
+    ),
+    "corrected model that is no MJCF": (
+        _words("apply", "{map}", "--model", "{model}", "--out", "corrected.txt"),
+        "corrected.txt",
+        "--out",
+        r"must end in \.xml",
+    ),
+    "folder for results that is a file": (_words(*DIAGNOSE, "--out", "{log}"), "log.csv", "--out", "choose another"),
+    "results below a file": (_words(*DIAGNOSE, "--out", "{log}/today"), "log.csv", "--out", "choose another"),
+    "file for results that is a folder": (
+        _words(*DIAGNOSE, "--json", "{folder}"),
+        "test_bad_input",
+        "--json",
+        "a file in it",
+    ),
+    "model without joints": (
+        _file(model="<mujoco><worldbody/></mujoco>", words=["map", "{log}", "--model", "{model}", "--yes"]),
+        "log.csv",
+        "joints .it has none",
+        "Write the map by hand",
     ),
     "effect misspelt": (_words("effects", "servo_dely"), "", "'servo_dely'", "did you mean servo_delay"),
     "log that nobody could watch": (
@@ -294,3 +326,20 @@ def test_bad_input_is_told_with_file_field_and_remedy(name: str, files: Files) -
     assert len(told) == 1, "one sentence, and nothing else"
     for what, wanted in (("file", file), ("field", place), ("remedy", remedy)):
         assert re.search(wanted, told[0]), f"no {what} ({wanted}) in: {told[0]}"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        (*DIAGNOSE, "--budget", "0"),
+        (*DIAGNOSE, "--budget", "nan"),
+        (*DIAGNOSE, "--seed", "-1"),
+        ("example", "--seed", "-1"),
+    ],
+    ids=" ".join,
+)
+def test_a_number_that_cannot_be_is_refused_before_the_work(words: tuple[str, ...], files: Files) -> None:
+    files.words = list(words)
+    answer = files.run()
+    assert answer.exit_code == 2
+    assert f"'{words[-2]}'" in answer.stderr and "greater than or equal to" in answer.stderr

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from robots import aligned_of, plant_of, simulate
 
+from simgap.console import size_of
 from simgap.data.recording import recording_from_table
 from simgap.effects.library import effect_classes
 from simgap.preparation.check import check
@@ -40,6 +41,11 @@ def test_a_recording_that_moves_shows_friction_gain_and_delay_by_part() -> None:
     # The servo pulls with about 3 N m; a hundredth of that shows.
     assert friction.unit == "N m" and friction.smallest is not None and 1e-4 < friction.smallest < 0.05
     assert friction.sensor == "q1" and 0.0 <= friction.segment[0] < friction.segment[1] <= 12.0
+
+
+@pytest.mark.parametrize(("factor", "told"), [(1.00042, "x 1.00042"), (1.1234, "x 1.12"), (0.98765, "x 0.988")])
+def test_a_factor_that_hardly_differs_from_one_is_not_told_as_one(factor: float, told: str) -> None:
+    assert size_of(Detectable("servo_gain", "elbow", "factor", "1", factor, None, "q1", (0.0, 1.0))) == told
 
 
 def test_a_fault_of_the_smallest_size_is_about_what_it_takes() -> None:

@@ -143,6 +143,13 @@ def test_gains_put_a_controller_in_front_of_a_motor() -> None:
     assert data.qfrc_actuator[1] == pytest.approx(4 * 2.0)
 
 
+def test_what_is_said_of_a_channel_has_its_unit() -> None:
+    """The zero of a rate is a rate."""
+    row = {"column": "dq0", "joint": "shoulder", "quantity": "velocity", "unit": "deg/s"}
+    plant = build_plant(mujoco.MjSpec.from_string(ARM), parse_map(MAPS["arm"] | {"outputs": [row]}))
+    assert [(channel.unit, channel.quantity) for channel in plant.outputs] == [("rad/s", "angular_velocity")]
+
+
 def test_euler_angles_of_single_turns() -> None:
     for axis in range(3):
         quaternion = np.zeros(4)

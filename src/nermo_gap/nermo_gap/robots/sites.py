@@ -165,7 +165,7 @@ def nuisances(plant: Plant, output_swing: Array, input_size: Array, period: floa
     for i, output in enumerate(plant.outputs):
         if output.qpos >= 0:
             sd = min(prior.ZERO, 0.02 * float(output_swing[i]))
-            number = Number("zero of sensor", output.name, 0.0, sd, output.unit or "1", False)
+            number = Number("zero of sensor", output.name, 0.0, sd, output.unit, False)
             found.append(Nuisance(f"zero {output.name}", _zero(i, sd), number))
     return found
 

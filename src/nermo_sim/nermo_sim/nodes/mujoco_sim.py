@@ -28,8 +28,8 @@ from nermo_sim.divergence import SimulationDivergedError
 from nermo_sim.nodes.sensor_publishers import SensorPublishers
 from nermo_sim.nodes.views import open_views
 from nermo_sim.pacing import Latency, Pacer, Patience
-from nermo_sim.sensor_data import SensorData, SensorNoise
-from nermo_sim.sim_parameters import TYPICAL_NOISE, SimParameters
+from nermo_sim.sensor_data import TYPICAL_NOISE, SensorData
+from nermo_sim.sim_parameters import SimParameters
 from nermo_sim.twin import Twin
 
 REPEAT_AFTER = 0.25
@@ -49,9 +49,7 @@ class MujocoSim(Node):
     def __init__(self) -> None:
         super().__init__("mujoco_sim")
         self._settings = parameters = declare(self, SimParameters)
-        noise = None
-        if parameters.sensor_noise > 0.0:
-            noise = SensorNoise(**{name: parameters.sensor_noise * value for name, value in TYPICAL_NOISE.items()})
+        noise = TYPICAL_NOISE.times(parameters.sensor_noise) if parameters.sensor_noise > 0.0 else None
         self._twin = Twin(
             load_any_robot(parameters.robot),
             parameters.scene,

@@ -20,9 +20,8 @@ from scipy.spatial.transform import Rotation
 from nermo_track.calibrate import COLUMNS, ROWS, SQUARE, board
 from nermo_track.camera import Camera
 from nermo_track.film import Picture
-from nermo_track.layout import MODULES, Layout, Tag
+from nermo_track.layout import DICTIONARY, MODULES, Layout, Tag
 from nermo_track.pose import Placement
-from nermo_track.sightings import dictionary
 
 Array = NDArray[np.float64]
 Poses = Callable[[Array], tuple[Array, Rotation]]
@@ -203,7 +202,7 @@ class Studio:
 @cache
 def _texture(number: int) -> NDArray[np.float32]:
     """A tag with one white module around it."""
-    inner = cv2.aruco.generateImageMarker(dictionary(), number, MODULES, borderBits=1)
+    inner = cv2.aruco.generateImageMarker(DICTIONARY, number, MODULES, borderBits=1)
     padded = np.pad(inner, 1, constant_values=255)
     return _grey(np.repeat(np.repeat(padded, TEXELS, axis=0), TEXELS, axis=1))
 

@@ -203,7 +203,7 @@ def _cables(plant: Plant, aligned: Aligned, floor: Array) -> list[Border]:
         ok = aligned.valid[rows, i] & np.all([aligned.valid[rows, measured[q]] for q in _driven(model, output)], axis=0)
         if ok.sum() >= _FEW:
             error = (aligned.outputs[rows, i] - lengths[:, i])[ok]
-            unit, noise = output.unit or "m", float(floor[i])
+            unit, noise = output.unit, float(floor[i])
             made.append(Border(output.name, "cable", float(np.median(error)), np.nan, float(error.std()), unit, noise))
     return made
 

@@ -6,17 +6,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.data.channels import OutputChannel
 from simgap.data.plant import Plant
-from simgap.data.units import SI_UNITS
 from simgap.simulation.replay import Replayer
 
 Array = NDArray[np.float64]
-
-
-def unit_of(channel: OutputChannel) -> str:
-    """SI unit of a channel, "1" for a pure number."""
-    return SI_UNITS.get(channel.quantity, channel.unit or "1")
 
 
 def measured_of(replayer: Replayer) -> Array:

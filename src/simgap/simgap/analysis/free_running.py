@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.analysis.errors import by_channel, measured_of, unit_of
+from simgap.analysis.errors import by_channel, measured_of
 from simgap.data.align import Aligned, Run
 from simgap.data.plant import Plant
 from simgap.inference.fit import Fitter
@@ -260,7 +260,7 @@ def pooled(runs: Sequence[FreeRun], plant: Plant, model: str) -> dict[str, float
 
 def told(runs: Sequence[FreeRun], plant: Plant, names: Sequence[str]) -> list[dict[str, Any]]:
     """``free_running`` of the report: one row for each run and model."""
-    units = {c.name: unit_of(c) for c in plant.outputs}
+    units = {c.name: c.unit for c in plant.outputs}
     rows: list[dict[str, Any]] = []
     for run in runs:
         for name in names:

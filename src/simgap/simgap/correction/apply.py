@@ -83,6 +83,13 @@ def read_diagnosis(path: Path, corrected: bool = True) -> dict[str, Any]:
         raise GapInputError(
             f"{path}: correction: is missing, as in files of older versions; run `simgap diagnose` again"
         )
+    if corrected:
+        try:
+            Correction.of(report["correction"])
+        except (KeyError, TypeError, AttributeError) as error:
+            raise GapInputError(
+                f"{path}: correction: is not what `simgap diagnose` writes there; run it again"
+            ) from error
     found: dict[str, Any] = report
     return found
 

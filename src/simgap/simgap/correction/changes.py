@@ -317,10 +317,10 @@ def _robot_signals(plant: Plant, variant: Variant) -> Iterator[Signal]:
     for i, channel in enumerate(plant.outputs):
         for quantity, values, neutral, unit in (
             ("scale", outputs.scale, 1.0, "1"),
-            ("bias", outputs.bias, 0.0, channel.unit or "SI"),
+            ("bias", outputs.bias, 0.0, channel.unit),
             ("delay", outputs.delay, 0.0, "s"),
             ("lead", outputs.lead, 0.0, "s"),
-            ("limit", outputs.limit, np.inf, channel.unit or "SI"),
+            ("limit", outputs.limit, np.inf, channel.unit),
         ):
             if values[i] != neutral:
                 yield Signal("sensor", channel.name, quantity, float(values[i]), unit)

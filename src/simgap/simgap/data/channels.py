@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from simgap.data.errors import GapInputError, nearest
 from simgap.data.mapping import InputRow, Map, OutputRow
-from simgap.data.units import factor
+from simgap.data.units import SI_UNITS, factor
 
 Array = NDArray[np.float64]
 Obj = mujoco.mjtObj
@@ -88,7 +88,8 @@ class InputChannel:
 
 @dataclass(frozen=True)
 class OutputChannel:
-    """One recorded output: ``scale`` turns the column into SI, ``address`` points into sensordata.
+    """One recorded output: ``scale`` turns the column into SI (``unit``, "1" of a pure number), ``address`` points into
+    sensordata.
 
     ``euler`` is 0, 1, 2 for roll, pitch, yaw of the quaternion at ``address`` and -1 otherwise. ``qpos``/``dof`` is the
     scalar coordinate that the channel measures (value = ``origin`` + coordinate * ``gear``), -1 where it measures none.
@@ -322,12 +323,11 @@ def output_channel(model: mujoco.MjModel, row: OutputRow, sensor: str, where: st
     if rail is not None:
         qpos, origin, gear = rail
     scale, quantity = factor(row.unit, quantities, where)
-    unit = {"angle": "rad", "length": "m"}.get(quantity, "")
     return OutputChannel(
         name=row.column,
         column=row.column,
         quantity=quantity,
-        unit=unit,
+        unit=SI_UNITS[quantity],
         scale=row.sign * scale,
         address=address,
         sensor=sensor,

@@ -46,6 +46,11 @@ def load_table(path: str | Path) -> dict[str, Array]:
     except (OSError, ValueError) as error:
         if isinstance(error, GapInputError):
             raise
+        if isinstance(error, UnicodeDecodeError):
+            wrong = error.object[error.start]
+            raise GapInputError(
+                f"{path}: holds a byte ({wrong:#x}) that is no UTF-8; save the table in UTF-8"
+            ) from error
         reason = " ".join(str(error).split())[:200]
         if "pickle" in reason.lower():
             raise GapInputError(
@@ -196,7 +201,7 @@ def _check_columns(
             raise GapInputError(f"{path}: column {name!r} has {values.ndim} dimensions, must have one or two")
     lengths = {len(v) for v in checked.values()}
     if not lengths or lengths == {0}:
-        raise GapInputError(f"{path}: the table holds no numbers")
+        raise GapInputError(f"{path}: the table holds no numbers; below the names of its columns it needs rows of them")
     if len(lengths) > 1:
         raise GapInputError(f"{path}: the columns differ in length ({', '.join(map(str, sorted(lengths)))} rows)")
     return checked

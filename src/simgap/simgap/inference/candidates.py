@@ -352,7 +352,13 @@ class Candidates:
         present = {e.key for e in base.fit.hypothesis.effects}
         others = [e for e in self.effects if e.key not in present]
         partners = screen(
-            fitter, base.fit, others, lambda share: self.say("screen partners", share), self.effort.hopeful
+            fitter,
+            base.fit,
+            others,
+            lambda share: self.say("screen partners", share),
+            self.effort.hopeful,
+            windows=_COMPARED if self.effort.twice else WINDOWS,
+            glance=self._glance if self.effort.twice else None,
         )[: self.effort.partners]
         pairs = self.fitted([(s.effect, s.x, s.z) for s in partners], base)
         if base.fit.strained:

@@ -168,7 +168,7 @@ def enumerate_nuisances(plant: Plant, output_swing: Array, input_size: Array, pe
     for i, output in enumerate(plant.outputs):
         if output.qpos >= 0:
             sd = min(ZERO, 0.02 * float(output_swing[i]))
-            number = Number("zero of sensor", output.name, 0.0, sd, output.unit or "1", False)
+            number = Number("zero of sensor", output.name, 0.0, sd, output.unit, False)
             found.append(Nuisance(f"zero {output.name}", _zero(i, sd), number))
     return found
 

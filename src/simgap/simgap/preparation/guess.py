@@ -107,8 +107,8 @@ def guess_map(recording: Path, model: mujoco.MjModel, ask: Ask | None = None) ->
     if not guess.inputs or not guess.outputs:
         what = "input (a command or a torque)" if not guess.inputs else "output (a position or a rate)"
         raise GapInputError(
-            f"{recording}: nothing looks like an {what} of the model's "
-            f"{', '.join(model_names(model, Obj.mjOBJ_JOINT)[:8])}; columns: "
+            f"{recording}: nothing looks like an {what} of the model's joints "
+            f"({', '.join(model_names(model, Obj.mjOBJ_JOINT)[:8]) or 'it has none'}); columns: "
             f"{', '.join(c.name for c in columns[:12])}. Write the map by hand"
         )
     return guess

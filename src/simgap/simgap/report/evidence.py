@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.analysis.diagnose import Diagnosis
-from simgap.analysis.errors import unit_of
 from simgap.inference.hypothesis import Hypothesis
 
 Array = NDArray[np.float64]
@@ -156,7 +155,7 @@ def _free(found: Diagnosis) -> list[FreeCurve]:
         FreeCurve(
             run.label,
             name,
-            unit_of(plant.outputs[c]),
+            plant.outputs[c].unit,
             run.time,
             run.measured[..., c],
             run.simulated["nominal"][..., c],

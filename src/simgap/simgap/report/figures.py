@@ -215,7 +215,7 @@ def curves(evidence: Evidence) -> Drawing | None:
         for c, window in enumerate(windows):
             place = (begin + c * pitch, top + r * (high + below), pitch - 46.0, high)
             panel = _window(drawing, place, window)
-            panel.y_axis((f"{name} [{unit}]" if unit else name) if c == 0 else "")
+            panel.y_axis((name if unit == "1" else f"{name} [{unit}]") if c == 0 else "")
             panel.x_axis("s" if last else "", grid=False, texts=last)
             if r == 0:
                 drawing.text(place[0], top - 13.0, f"from {window.start:.1f} s", size=SMALL, fill=QUIET)
