@@ -111,6 +111,13 @@ _WALKS = (
 """Speed [m/s], turn rate [rad/s], gait and its frequency [Hz]."""
 
 
+def clock() -> Piece:
+    """What tells a film's clock before a walk, which looks alike after each stride: it never repeats itself."""
+    squat = tuple(Wave(f"{leg}_knee", -0.35, 1.0, 3.0, one_way=True, end=3.0) for leg in LEGS)
+    sway = tuple(Wave(f"{leg}_hip", 0.2, 1.0, 4.0, begin=3.0) for leg in LEGS)
+    return Piece("clock", "squat and sway, for the film's clock", 6.0 + 2.0 * REST, (*squat, *sway), looks=(2.9,))
+
+
 def _walking() -> Segment:
     told = ("trot slowly", "trot fast", "lateral walk", "turn left")
     pieces = tuple(_walk(name, name, *say) for name, say in zip(told, _WALKS, strict=False))

@@ -1,0 +1,178 @@
+"""N's dependent variables of a recorded run, and how well whoever watched the mouse knows them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from nermo_gap.protocol.pieces import REST
+from nermo_gap.protocol.scene import BAG_FOLDER, SceneFile
+from nermo_gap.robots.mcap_table import TRACKERS
+from nermo_node.recording_reader import Recording, RecordingError
+from nermo_sim.experiments.on_robot import Way
+from nermo_sim.experiments.runs import Result
+
+Array = NDArray[np.float64]
+
+LONGEST_GAP = 0.5
+"""[s] Poses farther apart are warned of: a third of the slowest stride."""
+LEAST = 10
+"""Poses that a run needs."""
+DRAWS = 100
+"""Of the tracker's error; the deviation that they tell is then itself uncertain by 7 %."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Where somebody outside saw base_link."""
+
+    topic: str
+    stamp: NDArray[np.int64]
+    """(n,) [ns], rising."""
+    position: Array
+    """(n, 3) [m]"""
+    rotation: Rotation
+    """n of them"""
+    covariance: Array
+    """(n, 6, 6) [m, rad, fixed axes]; zero where it is not told."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a run gave."""
+
+    result: Result
+    tracker: dict[str, float]
+    """By quantity: its standard deviation because of the tracker; empty where the tracker tells none."""
+    topic: str
+    """Whose poses these are."""
+    gap: float
+    """[s] Longest time without a pose."""
+
+
+def seen_in(folder: Path) -> Seen:
+    """The tracker's poses in a run's recording; a simulation's truth stands in for one.
+
+    Raises:
+        RecordingError: there are none, or the recording cannot be read.
+    """
+    recording = Recording(folder / BAG_FOLDER)
+    ends = [[topic for topic in recording.topics if topic.endswith(f"/{name}")] for name in TRACKERS]
+    topic = next((min(found, key=len) for found in ends if found), None)
+    if topic is None:
+        raise RecordingError(f"{folder}: nobody saw the mouse: no tracker/odom is recorded, and no film given (--film)")
+    data = recording.read([topic])[topic]
+    stamp, rows = np.unique(data.stamp, return_index=True)
+    place = np.column_stack([data[f"pose.pose.position.{axis}"] for axis in "xyz"])[rows]
+    turn = np.column_stack([data[f"pose.pose.orientation.{part}"] for part in "wxyz"])[rows]
+    usable = np.isfinite(place).all(axis=1) & (np.abs(np.linalg.norm(turn, axis=1) - 1.0) < 0.01)
+    if usable.sum() < LEAST:
+        raise RecordingError(f"{folder}: {topic} holds {usable.sum()} poses; a run needs {LEAST}")
+    covariance = np.nan_to_num(np.asarray(data["pose.covariance"], dtype=np.float64)[rows].reshape(-1, 6, 6))
+    return Seen(
+        topic,
+        stamp[usable],
+        place[usable],
+        Rotation.from_quat(turn[usable], scalar_first=True),
+        np.where((covariance[:, :1, :1] < 0.0), 0.0, covariance)[usable],
+    )
+
+
+@dataclass(frozen=True)
+class _Walked:
+    """A walk at equal steps, from the mean pose of the stand before it."""
+
+    time: Array
+    position: Array
+    rotation: Rotation
+    roots: Array
+    """(n, 6, 6) Square roots of the covariances."""
+
+    @property
+    def way(self) -> Way:
+        angles = self.rotation.as_euler("ZYX")[:, ::-1].copy()
+        angles[:, 2] = np.unwrap(angles[:, 2])
+        return Way(self.time, self.position, angles)
+
+
+def measure(
+    seen: Seen, scene: SceneFile, seconds: float, of_way: Callable[[Way], Result], clock: float = 0.0, seed: int = 0
+) -> Measured:
+    """What ``of_way`` makes of the walk of a run, and by how much the tracker's error moves it.
+
+    The error of each pose is drawn from its covariance anew. What the poses share, as where the camera is, then counts
+    as if it were not shared: a speed looks no better than it is. ``clock`` [s] is the deviation of the film's clock,
+    which moves the begin of the walk. ``seconds`` is what the walk's piece would have lasted.
+
+    Raises:
+        RecordingError: the mouse was not seen before or during its walk.
+    """
+    walked, gap = _walked(seen, scene, seconds)
+    result, random = of_way(walked.way), np.random.default_rng(seed)
+    if not walked.roots.any() and clock == 0.0:
+        return Measured(result, {}, seen.topic, gap)
+    numbers = [name for name, value in result.items() if isinstance(value, float)]
+    drawn = np.empty((DRAWS, len(numbers)))
+    for row in range(DRAWS):
+        shifted = of_way(_shaken(walked, clock, random).way)
+        drawn[row] = [shifted[name] for name in numbers]
+    deviation = dict(zip(numbers, map(float, drawn.std(axis=0)), strict=True))
+    return Measured(result, deviation, seen.topic, gap)
+
+
+def _walked(seen: Seen, scene: SceneFile, seconds: float) -> tuple[_Walked, float]:
+    if scene.begun is None:
+        raise RecordingError("a run of no graph has no clock")
+    walk = scene.pieces[-1]
+    begin = scene.begun + round((walk.begin + REST) * 1e9)
+    time = np.asarray((seen.stamp - begin) * 1e-9, dtype=np.float64)
+    before = (time >= -REST) & (time <= 0.0)
+    # Whoever lets go ends the walk at once; a piece that ends by itself stands for a while before.
+    end = min(walk.end - walk.begin, seconds - REST) - REST
+    during = (time > 0.0) & (time <= end)
+    if not before.any():
+        raise RecordingError("the mouse was not seen in the stand before its walk: film from before it moves")
+    if during.sum() < LEAST:
+        raise RecordingError(f"the mouse was seen {during.sum()} times in its walk; a run needs {LEAST}")
+    rows = np.concatenate([[int(np.flatnonzero(before)[-1])], np.flatnonzero(during)])
+    own = np.concatenate([[0.0], time[during]])
+    place = np.vstack([seen.position[before].mean(axis=0), seen.position[during]])
+    turn = Rotation.concatenate([seen.rotation[before].mean(), seen.rotation[during]])
+    steps = max(round(float(own[-1] / np.median(np.diff(own)))), 1)
+    even = np.linspace(0.0, own[-1], steps + 1)
+    next_pose = np.minimum(np.searchsorted(own, even), len(own) - 1)
+    values, vectors = np.linalg.eigh(seen.covariance[rows][next_pose])
+    roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    position = np.column_stack([np.interp(even, own, column) for column in place.T])
+    return _Walked(even, position, Slerp(own, turn)(even), roots), float(np.diff(own).max())
+
+
+def _shaken(walked: _Walked, clock: float, random: np.random.Generator) -> _Walked:
+    """The same with an error of the tracker's."""
+    error = np.einsum("nij,nj->ni", walked.roots, random.standard_normal(walked.roots.shape[:2]))
+    # A clock that is late leaves less time for the same way.
+    time = walked.time * max(1.0 + clock * random.standard_normal() / walked.time[-1], 0.1)
+    turn = Rotation.from_rotvec(error[:, 3:]) * walked.rotation
+    return replace(walked, time=time, position=walked.position + error[:, :3], rotation=turn)
+
+
+def summary(runs: list[Measured], names: tuple[str, ...]) -> dict[str, Any]:
+    """Of some repeats: means, `scatter_*` between them, `tracker_*` of one, by quantity; None where none was seen.
+
+    The scatter is the standard deviation of a sample, None of a single run. The tracker's deviation is that of a run
+    in the root mean square, None where it tells none: repeats are filmed by the same camera, whose place is then off in the same way.
+    """
+    row: dict[str, Any] = {}
+    for name in names:
+        values = [float(run.result[name]) for run in runs]
+        row[name] = float(np.mean(values)) if values else None
+        row[f"scatter_{name}"] = float(np.std(values, ddof=1)) if len(values) > 1 else None
+        told = [run.tracker[name] ** 2 for run in runs if name in run.tracker]
+        row[f"tracker_{name}"] = float(np.sqrt(np.mean(told))) if told else None
+    return row
