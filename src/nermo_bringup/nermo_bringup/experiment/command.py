@@ -11,7 +11,6 @@ from typing import Any
 from nermo_bringup.experiment.film import Filming, clock_deviation, films_of, track, tracked
 from nermo_bringup.experiment.measure import LONGEST_GAP, Measured, measure, seen_in, summary
 from nermo_bringup.experiment.plan import Plan, Run
-from nermo_bringup.experiment.play import play
 from nermo_description.parameter_files import ParameterError
 from nermo_description.results import CommandError, write_results
 from nermo_gap.protocol.scene import SceneFile
@@ -34,7 +33,10 @@ def do(request: RobotRequest) -> None:
     """
     with _told():
         plan = Plan.of(request, ON_ROBOT[request.name])
-        play(plan, request)
+        if request.target is not None:
+            from nermo_bringup.experiment.play import play
+
+            play(plan, request, request.target)
         there = {run: scene for run in plan.runs if (scene := plan.recorded(run)) is not None}
         if request.film:
             _track(plan, there, Filming(request.film, request.camera, request.tags, request.fps))

@@ -166,7 +166,8 @@ def summary(runs: list[Measured], names: tuple[str, ...]) -> dict[str, Any]:
     """Of some repeats: means, `scatter_*` between them, `tracker_*` of one, by quantity; None where none was seen.
 
     The scatter is the standard deviation of a sample, None of a single run. The tracker's deviation is that of a run
-    in the root mean square, None where it tells none: repeats are filmed by the same camera, whose place is then off in the same way.
+    in the root mean square, None where it tells none: repeats are filmed by the same camera, whose place is off in the
+    same way in all of them.
     """
     row: dict[str, Any] = {}
     for name in names:

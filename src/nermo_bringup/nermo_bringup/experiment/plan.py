@@ -16,7 +16,7 @@ from nermo_gap.protocol.pieces import REST, Piece, Segment
 from nermo_gap.protocol.scene import BAG_FOLDER, SceneFile, scene_of
 from nermo_gap.protocol.standard import clock
 from nermo_sim.experiments.experiment import QUICK_DISTANCE
-from nermo_sim.experiments.on_robot import OnRobot, RobotRequest
+from nermo_sim.experiments.on_robot import LONGEST, SHORTEST, OnRobot, RobotRequest
 from nermo_sim.experiments.runs import Case, Settings
 
 PLAN_FILE = "experiment.yaml"
@@ -33,7 +33,7 @@ class PlanFile(BaseModel):
     experiment: str
     robot: str
     """Name, or parameter file."""
-    distance: float = Field(ge=0.05, le=20.0, json_schema_extra={"unit": "m"})
+    distance: float = Field(ge=SHORTEST, le=LONGEST, json_schema_extra={"unit": "m"})
     """[m] of a run."""
     repeats: int = Field(ge=1, le=100)
     quick: bool = False

@@ -11,10 +11,10 @@ from nermo_description.results import CommandError
 from nermo_description.robots import load_robot
 from nermo_gap.protocol.pieces import Protocol
 from nermo_gap.protocol.through_graph import Request
-from nermo_sim.experiments.on_robot import RobotRequest
+from nermo_sim.experiments.on_robot import RobotRequest, Target
 
 
-def play(plan: Plan, asked: RobotRequest) -> None:
+def play(plan: Plan, asked: RobotRequest, target: Target) -> None:
     """Play and record what is missing of a plan, until all of it is there or somebody leaves.
 
     Nobody is asked anything with --yes, or where there is no terminal: a run is then begun at once, and kept.
@@ -25,8 +25,6 @@ def play(plan: Plan, asked: RobotRequest) -> None:
         ParameterError: the robot's parameters cannot be read.
         GapInputError: what is recorded cannot be read.
     """
-    if asked.target is None:
-        return
     missing = [run for run in plan.runs if plan.recorded(run) is None]
     if not missing:
         return
@@ -36,7 +34,7 @@ def play(plan: Plan, asked: RobotRequest) -> None:
         load_robot(plan.about.robot),
         plan.about.robot,
         plan.folder,
-        asked.target,
+        target,
         asked.port,
         asked.calibration,
         asked.dead_man,

@@ -14,7 +14,7 @@ from nermo_description.results import CommandError, write_results
 from nermo_sim.console import console, print_rows, progress
 from nermo_sim.experiments import suite
 from nermo_sim.experiments.experiment import Experiment, Facts, Outcome, Repeats, run_experiment
-from nermo_sim.experiments.on_robot import TWIN, DeadMan, OnTheRobot, RobotRequest, Target
+from nermo_sim.experiments.on_robot import LONGEST, SHORTEST, TWIN, DeadMan, OnTheRobot, RobotRequest, Target
 from nermo_sim.experiments.registry import EXPERIMENTS, ON_ROBOT
 from nermo_sim.experiments.runs import Settings
 from nermo_sim.options import RESULTS, Json, Out, Quick, Robot, Seed, Workers, check_robot
@@ -98,7 +98,7 @@ _ROBOT_OPTIONS: list[tuple[str, Any, Any]] = [
     ("camera", _option(list[Path], "File of nermo track calibrate; of several, left.yaml took 01_left.mp4."), []),
     ("tags", _option(Path | None, "With --film: where tags sit, as for nermo track."), None),
     ("fps", _option(float | None, "With --film: pictures a second, where the file does not tell the true rate."), None),
-    ("distance", _option(float | None, "On the real mouse: of a run [m].", min=0.05, max=20.0), None),
+    ("distance", _option(float | None, "On the real mouse: of a run [m].", min=SHORTEST, max=LONGEST), None),
     ("port", _option(str, "With --target: where the robot is; twin is an emulated device with the twin behind."), TWIN),
     ("calibration", _option(Path | None, "With --target serial: the file that nermo hw calibrate wrote."), None),
     ("dead_man", _option(DeadMan | None, "Held while the mouse moves. Default: space; nothing on the twin."), None),

@@ -21,6 +21,8 @@ Target = Literal["sim", "serial", "link"]
 """What takes the servo commands: the twin in the graph, the robot at a cable, over Wi-Fi."""
 DeadMan = Literal["space", "pad", "none"]
 """What the person beside the mouse holds while it moves."""
+SHORTEST, LONGEST = 0.25, 20.0
+"""[m] of a run: the shortest has a whole stance of each leg, without which the twin's losses mean nothing."""
 TWIN = "twin"
 """The port of an emulated device with the twin behind it."""
 
