@@ -25,9 +25,9 @@ BEGUN = 7_000_000_000
 class Beside:
     """A conductor, its clock, and what it says to whoever stands beside the mouse."""
 
-    def __init__(self) -> None:
+    def __init__(self, again: bool = True) -> None:
         self.told: list[str] = []
-        self.conductor = Conductor(SEGMENT, ROBOT, self.told.append)
+        self.conductor = Conductor(SEGMENT, ROBOT, self.told.append, again)
         self.now = BEGUN - TICK
 
     def play(self, seconds: float, held: bool = True) -> list[Posture]:
@@ -88,6 +88,29 @@ def test_a_piece_in_which_the_servos_are_not_commanded_is_played_again_from_when
     assert beside.told[-1] == "the servos are commanded no more: 'squat' is broken off and will be played again"
     beside.play(LEAD + SQUAT.seconds + 0.1)
     assert [played.piece.name for played in conductor.played] == ["squat"] and conductor.spoiled == 0
+
+
+def test_where_nothing_is_played_again_who_lets_go_ends_the_last_piece() -> None:
+    beside = Beside(again=False)
+    beside.play(LEAD + SQUAT.seconds + 1.0)
+    assert set(beside.play(0.1, held=False)) == {Posture.STAND}
+    conductor = beside.conductor
+    assert conductor.over and not conductor.broken
+    walked = conductor.played[-1]
+    assert walked.piece is TROT and (walked.end - walked.begin) * 1e-9 == pytest.approx(1.0, abs=0.01)
+    assert beside.told[-1] == "let go: 'trot' ended after 1.0 s"
+
+
+@pytest.mark.parametrize(("seconds", "held", "late"), [(1.0, False, 0.0), (SQUAT.seconds + 1.0, True, 1.0)])
+def test_where_nothing_is_played_again_whatever_else_breaks_it_off(seconds: float, held: bool, late: float) -> None:
+    """Letting go in an earlier piece, or commands that come late in the last one."""
+    beside = Beside(again=False)
+    beside.play(LEAD + seconds)
+    done = len(beside.conductor.played)
+    beside.now += round(late * 1e9)
+    assert set(beside.play(0.1, held)) == {Posture.STAND}
+    assert beside.conductor.broken and not beside.conductor.over
+    assert len(beside.conductor.played) == done
 
 
 def test_it_asks_for_what_a_recording_in_process_asks_for() -> None:

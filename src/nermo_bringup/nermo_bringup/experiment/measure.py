@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -91,14 +91,17 @@ class _Walked:
     time: Array
     position: Array
     rotation: Rotation
-    roots: Array
-    """(n, 6, 6) Square roots of the covariances."""
+    rows: NDArray[np.int64]
+    """(n,) Of the poses from which these come, as far as their errors go."""
 
-    @property
-    def way(self) -> Way:
-        angles = self.rotation.as_euler("ZYX")[:, ::-1].copy()
+    def way(self, error: Array | None = None) -> Way:
+        """With errors (n, 6) [m, rad, fixed axes], or without."""
+        place, turn = self.position, self.rotation
+        if error is not None:
+            place, turn = place + error[:, :3], Rotation.from_rotvec(error[:, 3:]) * turn
+        angles = turn.as_euler("ZYX")[:, ::-1].copy()
         angles[:, 2] = np.unwrap(angles[:, 2])
-        return Way(self.time, self.position, angles)
+        return Way(self.time, place, angles)
 
 
 def measure(
@@ -114,24 +117,29 @@ def measure(
         RecordingError: the mouse was not seen before or during its walk.
     """
     walked, gap = _walked(seen, scene, seconds)
-    result, random = of_way(walked.way), np.random.default_rng(seed)
-    if not walked.roots.any() and clock == 0.0:
+    result, random = of_way(walked.way()), np.random.default_rng(seed)
+    if not seen.covariance.any() and clock == 0.0:
         return Measured(result, {}, seen.topic, gap)
+    roots = _roots(seen.covariance)
     numbers = [name for name, value in result.items() if isinstance(value, float)]
     drawn = np.empty((DRAWS, len(numbers)))
     for row in range(DRAWS):
-        shifted = of_way(_shaken(walked, clock, random).way)
-        drawn[row] = [shifted[name] for name in numbers]
+        if clock > 0.0:
+            walked, _ = _walked(seen, scene, seconds, clock * float(random.standard_normal()))
+        error = np.einsum("nij,nj->ni", roots[walked.rows], random.standard_normal((len(walked.rows), 6)))
+        other = of_way(walked.way(error))
+        drawn[row] = [other[name] for name in numbers]
     deviation = dict(zip(numbers, map(float, drawn.std(axis=0)), strict=True))
     return Measured(result, deviation, seen.topic, gap)
 
 
-def _walked(seen: Seen, scene: SceneFile, seconds: float) -> tuple[_Walked, float]:
+def _walked(seen: Seen, scene: SceneFile, seconds: float, late: float = 0.0) -> tuple[_Walked, float]:
+    """The walk, and the longest time [s] without a pose in it; ``late`` [s]: by how much poses are later than told."""
     if scene.begun is None:
         raise RecordingError("a run of no graph has no clock")
     walk = scene.pieces[-1]
     begin = scene.begun + round((walk.begin + REST) * 1e9)
-    time = np.asarray((seen.stamp - begin) * 1e-9, dtype=np.float64)
+    time = np.asarray((seen.stamp - begin) * 1e-9 + late, dtype=np.float64)
     before = (time >= -REST) & (time <= 0.0)
     # Whoever lets go ends the walk at once; a piece that ends by itself stands for a while before.
     end = min(walk.end - walk.begin, seconds - REST) - REST
@@ -147,19 +155,14 @@ def _walked(seen: Seen, scene: SceneFile, seconds: float) -> tuple[_Walked, floa
     steps = max(round(float(own[-1] / np.median(np.diff(own)))), 1)
     even = np.linspace(0.0, own[-1], steps + 1)
     next_pose = np.minimum(np.searchsorted(own, even), len(own) - 1)
-    values, vectors = np.linalg.eigh(seen.covariance[rows][next_pose])
-    roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
     position = np.column_stack([np.interp(even, own, column) for column in place.T])
-    return _Walked(even, position, Slerp(own, turn)(even), roots), float(np.diff(own).max())
+    return _Walked(even, position, Slerp(own, turn)(even), rows[next_pose]), float(np.diff(own).max())
 
 
-def _shaken(walked: _Walked, clock: float, random: np.random.Generator) -> _Walked:
-    """The same with an error of the tracker's."""
-    error = np.einsum("nij,nj->ni", walked.roots, random.standard_normal(walked.roots.shape[:2]))
-    # A clock that is late leaves less time for the same way.
-    time = walked.time * max(1.0 + clock * random.standard_normal() / walked.time[-1], 0.1)
-    turn = Rotation.from_rotvec(error[:, 3:]) * walked.rotation
-    return replace(walked, time=time, position=walked.position + error[:, :3], rotation=turn)
+def _roots(covariance: Array) -> Array:
+    """(n, 6, 6) Square roots of covariances (n, 6, 6)."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :], dtype=np.float64)
 
 
 def summary(runs: list[Measured], names: tuple[str, ...]) -> dict[str, Any]:
