@@ -19,6 +19,7 @@ from nermo_bringup.experiment.measure import Measured, Seen, measure, summary
 from nermo_bringup.experiment.plan import PLAN_FILE, Plan, PlanFile, Run
 from nermo_description.parameter_files import ParameterError
 from nermo_description.results import CommandError
+from nermo_description.robots import load_robot
 from nermo_gap.protocol.pieces import REST
 from nermo_gap.protocol.scene import PieceRow, SceneFile
 from nermo_node.recording_reader import RecordingError
@@ -26,8 +27,10 @@ from nermo_sim.experiments.on_robot import RobotRequest, Way
 from nermo_sim.experiments.registry import ON_ROBOT
 from nermo_sim.experiments.straight_line import measure as straight
 from nermo_sim.experiments.straight_line_robot import cases
+from nermo_sim.experiments.turning_robot import RADIUS, arc
 
 LINE = ON_ROBOT["straight-line"]
+MOUSE = load_robot("nermo_lite")
 BEGUN = 1_700_000_000 * 10**9
 
 
@@ -160,6 +163,25 @@ def test_who_was_not_seen_before_the_walk_is_refused() -> None:
     part = replace(seen, stamp=seen.stamp[late], position=seen.position[late], rotation=seen.rotation[late])
     with pytest.raises(RecordingError, match="film from before it moves"):
         measure(part, scene(("clock", "walk")), 6.0, speed_of)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.floats(0.3, 1.2), st.floats(0.04, 0.1), st.floats(-3.0, 3.0))
+def test_an_arc_is_followed_by_who_goes_round_its_middle(radius: float, speed: float, heading: float) -> None:
+    quarter = 0.5 * math.pi
+    time = np.arange(0.0, 2.0 * RADIUS * quarter / speed, 1.0 / 30.0)
+    yaw = heading + speed / radius * time
+    ahead = np.column_stack([np.cos(yaw), np.sin(yaw)])
+    left = np.column_stack([-np.sin(yaw), np.cos(yaw)])
+    shoulders = radius * (left[0] - left)
+    place = np.column_stack([shoulders - MOUSE.hip_positions[0][0] * ahead, np.full(len(time), 0.045)])
+    way = Way(time, place, np.column_stack([0.0 * yaw, 0.0 * yaw, yaw]))
+    found = arc(way, 0.67, quarter, MOUSE)
+    assert found["radius_m"] == pytest.approx(radius, rel=0.02)
+    if abs(radius - RADIUS) < 0.03:
+        assert found["followed"] and found["time_s"] == pytest.approx(RADIUS * quarter / speed, rel=0.1)
+    if radius > 0.75:
+        assert not found["followed"]
 
 
 def test_scatter_and_tracker_are_said_apart() -> None:

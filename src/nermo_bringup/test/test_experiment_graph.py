@@ -93,7 +93,7 @@ def test_a_run_is_watched_recorded_filmed_and_measured(tmp_path: Path, monkeypat
     assert row["speed_m_s"] == pytest.approx(row["twin_speed_m_s"], rel=0.15)
     assert 0.0 < row["tracker_speed_m_s"] < 0.02 * row["speed_m_s"]
     assert row["scatter_speed_m_s"] is None, "of one run"
-    assert (robot / "speed.png").stat().st_size > 0
+    assert (robot / "straight-line.png").stat().st_size > 0
     truth = seen_in(run)
     filmed = seen_in(robot / "filmed" / run.name)
     there = np.interp(filmed.stamp, truth.stamp, truth.position[:, 0])

@@ -150,3 +150,20 @@ def _known(rows: Sequence[dict[str, Any]], whose: str) -> tuple[list[float], lis
     parts = (f"{whose}scatter_speed_m_s", f"{whose}tracker_speed_m_s")
     wide = [math.hypot(*(row.get(part) or 0.0 for part in parts)) for row in known]
     return [row["frequency_hz"] for row in known], [row[f"{whose}speed_m_s"] for row in known], wide
+
+
+def plot_turning_on_robot(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """Time on the arc by strategy of a real mouse (both uncertainties), its twin, and N's two."""
+    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
+    axes = figure.subplots()
+    names = {"": "robot", "twin_": "its twin", "thesis_robot_": "the thesis's robot", "thesis_twin_": "its twin, N"}
+    for index, (whose, label) in enumerate(names.items()):
+        known = [(place, row) for place, row in enumerate(rows) if row[f"{whose}time_s"] is not None]
+        parts = (f"{whose}scatter_time_s", f"{whose}tracker_time_s")
+        wide = [math.hypot(*(row.get(part) or 0.0 for part in parts)) for _, row in known]
+        where = [place + 0.2 * (index - 1.5) for place, _ in known]
+        axes.bar(where, [row[f"{whose}time_s"] for _, row in known], 0.18, yerr=wide, label=label, capsize=3)
+    axes.set_xticks(range(len(rows)), [row["strategy"] for row in rows])
+    axes.set(ylabel="time [s]", title=f"Arc of {rows[0]['path_radius_m']:g} m")
+    axes.legend()
+    figure.savefig(path, dpi=120)

@@ -110,7 +110,7 @@ def _report(plan: Plan, request: RobotRequest, there: dict[Run, SceneFile], meas
     claims = on_robot.claims([row for row in rows if row["runs"]])
     if claims:
         print_rows("the thesis's robot beside it", claims, ("claim", "thesis", "ours", "ratio", "band", "within"))
-    picture = plan.folder / "speed.png"
+    picture = plan.folder / f"{about.experiment}.png"
     on_robot.picture(rows, picture)
     console.print(f"picture: {picture}")
     if request.json is not None:
@@ -126,6 +126,9 @@ def _row(plan: Plan, case: Any, found: Sequence[Measured], twin: Sequence[Result
     beside = summary([Measured(result, {}, "", 0.0) for result in twin], names)
     for name in names:
         row[f"twin_{name}"], row[f"twin_scatter_{name}"] = beside[name], beside[f"scatter_{name}"]
+    for name in plan.on_robot.every:
+        row[name] = all(run.result[name] for run in found) if found else None
+        row[f"twin_{name}"] = all(result[name] for result in twin) if name in twin[0] else None
     first = names[0]
     row["robot_over_twin"], row["robot_over_twin_sd"] = _ratio(row, first, len(found), len(twin))
     return {**row, **plan.on_robot.thesis(case)}
@@ -153,7 +156,14 @@ def _columns(plan: Plan, rows: Sequence[Row]) -> list[str]:
     described = [name for name in plan.on_robot.describe(plan.cases[0]) if len({row[name] for row in rows}) > 1]
     described = described or ["gait"]
     lead = [first, f"scatter_{first}", f"tracker_{first}", f"twin_{first}", "robot_over_twin", "robot_over_twin_sd"]
-    return [*described, "runs", *lead, *(name for name in rows[0] if name.startswith("thesis_")), *others]
+    return [
+        *described,
+        "runs",
+        *lead,
+        *(name for name in rows[0] if name.startswith("thesis_")),
+        *others,
+        *plan.on_robot.every,
+    ]
 
 
 def _of_run(run: Run, found: Measured) -> Row:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -128,8 +129,8 @@ def measure(
             walked, _ = _walked(seen, scene, seconds, clock * float(random.standard_normal()))
         error = np.einsum("nij,nj->ni", roots[walked.rows], random.standard_normal((len(walked.rows), 6)))
         other = of_way(walked.way(error))
-        drawn[row] = [other[name] for name in numbers]
-    deviation = dict(zip(numbers, map(float, drawn.std(axis=0)), strict=True))
+        drawn[row] = [math.nan if other[name] is None else other[name] for name in numbers]
+    deviation = dict(zip(numbers, map(float, np.nanstd(drawn, axis=0)), strict=True))
     return Measured(result, deviation, seen.topic, gap)
 
 
@@ -166,7 +167,7 @@ def _roots(covariance: Array) -> Array:
 
 
 def summary(runs: list[Measured], names: tuple[str, ...]) -> dict[str, Any]:
-    """Of some repeats: means, `scatter_*` between them, `tracker_*` of one, by quantity; None where none was seen.
+    """Of some repeats: means, `scatter_*` between them, `tracker_*` of one, by quantity; None where no run has it.
 
     The scatter is the standard deviation of a sample, None of a single run. The tracker's deviation is that of a run
     in the root mean square, None where it tells none: repeats are filmed by the same camera, whose place is off in the
@@ -174,7 +175,7 @@ def summary(runs: list[Measured], names: tuple[str, ...]) -> dict[str, Any]:
     """
     row: dict[str, Any] = {}
     for name in names:
-        values = [float(run.result[name]) for run in runs]
+        values = [float(run.result[name]) for run in runs if run.result[name] is not None]
         row[name] = float(np.mean(values)) if values else None
         row[f"scatter_{name}"] = float(np.std(values, ddof=1)) if len(values) > 1 else None
         told = [run.tracker[name] ** 2 for run in runs if name in run.tracker]

@@ -77,6 +77,8 @@ class OnRobot(Generic[CaseType]):
     """N's dependent variables of a run."""
     measured: tuple[str, ...]
     """Those of which the table shows means and uncertainties; the first is the one that N prints."""
+    every: tuple[str, ...] = ()
+    """What is so of a row where it is so of every run."""
     describe: Callable[[CaseType], Row]
     """What a row says of its case."""
     thesis: Callable[[CaseType], Row]

@@ -18,6 +18,7 @@ from nermo_sim.experiments import (
     straight_line_robot,
     transition,
     turning,
+    turning_robot,
 )
 from nermo_sim.experiments.experiment import Experiment
 from nermo_sim.experiments.on_robot import OnRobot
@@ -41,6 +42,6 @@ EXPERIMENTS: dict[str, Experiment[Any]] = {
 }
 
 ON_ROBOT: dict[str, OnRobot[Any]] = {
-    module.ON_ROBOT.experiment.name: module.ON_ROBOT for module in (straight_line_robot,)
+    module.ON_ROBOT.experiment.name: module.ON_ROBOT for module in (straight_line_robot, turning_robot)
 }
 """Those that can be done on the real mouse too."""

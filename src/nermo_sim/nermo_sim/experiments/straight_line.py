@@ -225,10 +225,15 @@ EXPERIMENT = Experiment(
 
     A run that was stopped goes on where it was. Exit status 1 if the mouse fell.
 
+    With --target the runs of N's real robot are played on a mouse, one by one, with who stands beside it; with --film,
+    then or later, they are measured. The twin's and N's own stand beside.
+
     \b
     nermo experiment straight-line
     nermo experiment straight-line --quick --json straight.json
     nermo experiment straight-line --robot nermo --seed 7 --out /tmp/nermo
+    nermo experiment straight-line --target serial --port /dev/ttyUSB0 --calibration my_robot.yaml --out today
+    nermo experiment straight-line --film films --camera camera.yaml --out today --json today.json
     """,
     columns=(
         *(*_CASE, "speed_m_s", "speed_sd_m_s"),

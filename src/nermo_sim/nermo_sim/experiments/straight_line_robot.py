@@ -108,6 +108,7 @@ ON_ROBOT = OnRobot(
     seconds=_seconds,
     measure=_measure,
     measured=("speed_m_s", "roll_sd_deg", "pitch_sd_deg", "yaw_sd_deg"),
+    every=("reached",),
     describe=asdict,
     thesis=_thesis,
     claims=_claims,
