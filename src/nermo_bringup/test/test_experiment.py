@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from nermo_bringup.experiment.cli import experiment_app
-from nermo_bringup.experiment.film import films_of
+from nermo_bringup.experiment.film import Filming, films_of, shot_of
 from nermo_bringup.experiment.measure import Measured, Seen, measure, summary
 from nermo_bringup.experiment.plan import PLAN_FILE, Plan, PlanFile, Run
 from nermo_description.parameter_files import ParameterError
@@ -28,6 +28,7 @@ from nermo_sim.experiments.registry import ON_ROBOT
 from nermo_sim.experiments.straight_line import measure as straight
 from nermo_sim.experiments.straight_line_robot import cases
 from nermo_sim.experiments.turning_robot import RADIUS, arc
+from nermo_track.camera import Camera, save_camera
 
 LINE = ON_ROBOT["straight-line"]
 MOUSE = load_robot("nermo_lite")
@@ -206,6 +207,19 @@ def test_films_belong_to_the_run_whose_number_begins_their_name(tmp_path: Path) 
     assert [film.name for film in strange] == ["100.mp4", "left.mp4"]
     with pytest.raises(CommandError, match=r"left.mp4 does not begin with the number of a run, 01 to 10"):
         films_of([tmp_path / "left.mp4"], runs)
+
+
+def test_of_several_cameras_a_film_names_its_own(tmp_path: Path) -> None:
+    cameras = [tmp_path / "left.yaml", tmp_path / "right.yaml"]
+    for width, path in enumerate(cameras, 640):
+        save_camera(Camera(width=width, height=480, fx=600.0, fy=600.0, cx=320.0, cy=240.0), path)
+    filming = Filming([], cameras, None, 60.0)
+    assert [shot_of(Path(f"01_{side}.mp4"), filming).camera.width for side in ("left", "right")] == [640, 641]
+    with pytest.raises(CommandError, match=r"01.mp4: of several cameras its name must end in one of _left, _right"):
+        shot_of(Path("01.mp4"), filming)
+    assert shot_of(Path("01.mp4"), Filming([], cameras[:1], None, None)).camera.width == 640
+    with pytest.raises(CommandError, match="--film needs --camera"):
+        shot_of(Path("01.mp4"), Filming([], [], None, None))
 
 
 @pytest.mark.parametrize(

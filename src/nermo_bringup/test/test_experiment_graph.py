@@ -38,6 +38,7 @@ FPS = 20.0
 def film_of(folder: Path, film: Path) -> Camera:
     """A film of what the emulated mouse did in a run, drawn from its truth."""
     place, seen, share = PLACES[0], seen_in(folder), 0.5
+    assert seen is not None, "the emulated mouse tells its truth"
     size = {"width": round(share * place.camera.width), "height": round(share * place.camera.height)}
     scaled = {name: share * getattr(place.camera, name) for name in ("fx", "fy", "cx", "cy")}
     camera = place.camera.model_copy(update={**size, **scaled, "line_delay": place.camera.line_delay / share})
@@ -94,7 +95,7 @@ def test_a_run_is_watched_recorded_filmed_and_measured(tmp_path: Path, monkeypat
     assert 0.0 < row["tracker_speed_m_s"] < 0.02 * row["speed_m_s"]
     assert row["scatter_speed_m_s"] is None, "of one run"
     assert (robot / "straight-line.png").stat().st_size > 0
-    truth = seen_in(run)
-    filmed = seen_in(robot / "filmed" / run.name)
+    truth, filmed = seen_in(run), seen_in(robot / "filmed" / run.name)
+    assert truth is not None and filmed is not None
     there = np.interp(filmed.stamp, truth.stamp, truth.position[:, 0])
     assert np.abs(filmed.position[:, 0] - there).max() < 0.01

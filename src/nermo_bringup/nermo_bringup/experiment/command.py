@@ -63,14 +63,16 @@ def _track(plan: Plan, there: dict[Run, SceneFile], filming: Filming) -> None:
 
 
 def _measure(plan: Plan, there: dict[Run, SceneFile]) -> dict[Run, Measured]:
-    """What is seen of each run."""
+    """Of each run that somebody saw."""
     found = {}
     for run, scene in there.items():
         folder = tracked(plan, run) or plan.folder / run.name
         seconds = plan.segment(run).pieces[-1].seconds
         of_way: Callable[[Any], Result] = functools.partial(_of_way, plan, run)
         try:
-            found[run] = measure(seen_in(folder), scene, seconds, of_way, clock_deviation(folder), run.number)
+            if (seen := seen_in(folder)) is None:
+                continue
+            found[run] = measure(seen, scene, seconds, of_way, clock_deviation(folder), run.number)
         except RecordingError as error:
             _warn(f"run {run.film}: {error}")
             continue
@@ -89,9 +91,13 @@ def _report(plan: Plan, request: RobotRequest, there: dict[Run, SceneFile], meas
     """The twin beside it, the table, N's claims, the picture and the file."""
     total = len(plan.runs)
     console.print(f"{len(there)} of {total} runs are recorded in {plan.folder}, {len(measured)} are measured")
+    if len(there) > len(measured):
+        name, out = plan.about.experiment, request.folder.parent
+        console.print(f"next: nermo experiment {name} --film DIR --camera FILE --out {out}", soft_wrap=True)
+    if not measured and request.film:
+        raise CommandError(f"no film tells how a run of {plan.about.experiment} went; see the warnings above")
     if not measured:
-        what = "give its films (--film DIR --camera FILE)" if there else "record with --target"
-        raise CommandError(f"no run of {plan.about.experiment} on the mouse is measured yet: {what}")
+        return
     on_robot, settings, cases = plan.on_robot, plan.settings, plan.cases
     with progress("twin") as say:
         log = request.folder / "runs.jsonl"

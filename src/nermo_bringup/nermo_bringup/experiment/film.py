@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from nermo_bringup.experiment.plan import FILMED_FOLDER, Plan, Run
 from nermo_description.results import CommandError, write_results
-from nermo_gap.protocol.scene import BAG_FOLDER, SceneFile
+from nermo_gap.protocol.scene import BAG_FOLDER, SCENE_FILE, SceneFile
 from nermo_node.recording_reader import Recording, RecordingError
 
 if TYPE_CHECKING:
@@ -76,10 +76,10 @@ def track(plan: Plan, run: Run, scene: SceneFile, films: Sequence[Path], filming
     from nermo_track.work import into_recording
 
     out, source = plan.folder / FILMED_FOLDER / run.name, plan.folder / run.name
-    shots = [_shot(film, filming) for film in films]
+    shots = [shot_of(film, filming) for film in films]
     taken = [{"film": str(shot.film.absolute()), "camera": shot.camera.model_dump(mode="json")} for shot in shots]
     told = _told(out)
-    if told is not None and told["of"] == json.loads(json.dumps(taken)):
+    if told is not None and told["of"] == json.loads(json.dumps(taken)) and tracked(plan, run) is not None:
         return
     if out.exists():
         shutil.rmtree(out)
@@ -91,9 +91,13 @@ def track(plan: Plan, run: Run, scene: SceneFile, films: Sequence[Path], filming
 
 
 def tracked(plan: Plan, run: Run) -> Path | None:
-    """Folder of a run's recording with what films tell, or None."""
+    """Folder of a run's recording with what films tell; None where there is none, or it is of an earlier attempt."""
     out = plan.folder / FILMED_FOLDER / run.name
-    return out if _told(out) is not None else None
+    try:
+        same = (out / SCENE_FILE).read_bytes() == (plan.folder / run.name / SCENE_FILE).read_bytes()
+    except OSError:
+        return None
+    return out if same and _told(out) is not None else None
 
 
 def clock_deviation(folder: Path) -> float:
@@ -109,7 +113,13 @@ def _told(folder: Path) -> dict[str, Any] | None:
         return None
 
 
-def _shot(film: Path, filming: Filming) -> Shot:
+def shot_of(film: Path, filming: Filming) -> Shot:
+    """A film with its camera: the only one, or that whose name ends the film's.
+
+    Raises:
+        CommandError: there is none, or more than one (status 2).
+        ParameterError: the camera's file cannot be used.
+    """
     from nermo_track.camera import load_camera
     from nermo_track.work import Shot
 

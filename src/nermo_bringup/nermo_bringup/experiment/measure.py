@@ -57,17 +57,17 @@ class Measured:
     """[s] Longest time without a pose."""
 
 
-def seen_in(folder: Path) -> Seen:
-    """The tracker's poses in a run's recording; a simulation's truth stands in for one.
+def seen_in(folder: Path) -> Seen | None:
+    """The tracker's poses in a run's recording; a simulation's truth stands in for one. None where nobody saw it.
 
     Raises:
-        RecordingError: there are none, or the recording cannot be read.
+        RecordingError: the recording cannot be read, or holds hardly a pose.
     """
     recording = Recording(folder / BAG_FOLDER)
     ends = [[topic for topic in recording.topics if topic.endswith(f"/{name}")] for name in TRACKERS]
     topic = next((min(found, key=len) for found in ends if found), None)
     if topic is None:
-        raise RecordingError(f"{folder}: nobody saw the mouse: no tracker/odom is recorded, and no film given (--film)")
+        return None
     data = recording.read([topic])[topic]
     stamp, rows = np.unique(data.stamp, return_index=True)
     place = np.column_stack([data[f"pose.pose.position.{axis}"] for axis in "xyz"])[rows]

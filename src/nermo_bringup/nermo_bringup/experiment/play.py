@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 
 from nermo_bringup.experiment.plan import Plan, Run
-from nermo_bringup.protocol.session import LeftError, Session, session
+from nermo_bringup.protocol.session import SPOILED, LeftError, Session, session
 from nermo_description.results import CommandError
 from nermo_description.robots import load_robot
 from nermo_gap.protocol.pieces import Protocol
@@ -54,6 +54,8 @@ class _Beside:
 
     def __init__(self, plan: Plan, opened: Session, asks: bool, filmed: bool) -> None:
         self._plan, self._session, self._asks, self._filmed = plan, opened, asks, filmed
+        self._broken = 0
+        """How often in a row."""
 
     def all(self, missing: Sequence[Run]) -> None:
         """Every run that is missing. Raises LeftError, CommandError."""
@@ -79,7 +81,7 @@ class _Beside:
             broken = self._session.record(self._plan.segment(run), folder, again=False, ready=ready)
             if self._filmed:
                 self._session.tell(f"stop film {run.film}")
-            if not self._repeats(run, broken):
+            if not (self._again(broken) if not self._asks else self._repeats(broken)):
                 return
 
     def _wanted(self, run: Run) -> bool:
@@ -91,14 +93,21 @@ class _Beside:
             return True
         return self._answer("press Enter when it is so; s skips this run, q leaves") != "s"
 
-    def _repeats(self, run: Run, broken: str) -> bool:
-        """Whether a run is to be done again."""
-        if broken and not self._asks:
-            raise CommandError(f"run {run.film}: {broken}; what was recorded before stays in {self._plan.folder}")
+    def _repeats(self, broken: str) -> bool:
+        """Whether a run is to be done again, says whoever stands there."""
         if broken:
             self._session.tell(broken)
             return self._answer("press Enter to do it again; s skips this run, q leaves") != "s"
-        return self._asks and self._answer("press Enter to keep it; r does it again, q keeps it and leaves") == "r"
+        return self._answer("press Enter to keep it; r does it again, q keeps it and leaves") == "r"
+
+    def _again(self, broken: str) -> bool:
+        """The same where nobody is asked: a twin stands on its start line in each graph, a mouse has to be put there."""
+        self._broken = self._broken + 1 if broken else 0
+        if broken and (self._filmed or self._broken >= SPOILED):
+            raise CommandError(f"{broken}; what was recorded before stays in {self._plan.folder}")
+        if broken:
+            self._session.tell(f"{broken}; once more")
+        return bool(broken)
 
     def _answer(self, question: str) -> str:
         """The first letter of what is answered."""
