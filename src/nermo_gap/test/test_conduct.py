@@ -90,7 +90,7 @@ def test_a_piece_in_which_the_servos_are_not_commanded_is_played_again_from_when
     assert [played.piece.name for played in conductor.played] == ["squat"] and conductor.spoiled == 0
 
 
-def test_where_nothing_is_played_again_who_lets_go_ends_the_last_piece() -> None:
+def test_where_the_last_piece_is_not_played_again_who_lets_go_ends_it() -> None:
     beside = Beside(again=False)
     beside.play(LEAD + SQUAT.seconds + 1.0)
     assert set(beside.play(0.1, held=False)) == {Posture.STAND}
@@ -101,16 +101,22 @@ def test_where_nothing_is_played_again_who_lets_go_ends_the_last_piece() -> None
     assert beside.told[-1] == "let go: 'trot' ended after 1.0 s"
 
 
-@pytest.mark.parametrize(("seconds", "held", "late"), [(1.0, False, 0.0), (SQUAT.seconds + 1.0, True, 1.0)])
-def test_where_nothing_is_played_again_whatever_else_breaks_it_off(seconds: float, held: bool, late: float) -> None:
-    """Letting go in an earlier piece, or commands that come late in the last one."""
+def test_a_last_piece_that_is_not_played_again_is_broken_off_by_whatever_else() -> None:
     beside = Beside(again=False)
-    beside.play(LEAD + seconds)
-    done = len(beside.conductor.played)
-    beside.now += round(late * 1e9)
-    assert set(beside.play(0.1, held)) == {Posture.STAND}
-    assert beside.conductor.broken and not beside.conductor.over
-    assert len(beside.conductor.played) == done
+    beside.play(LEAD + SQUAT.seconds + 1.0)
+    beside.now += 10**9
+    assert set(beside.play(0.1)) == {Posture.STAND}
+    assert beside.conductor.broken == "late: 'trot' was broken off" and not beside.conductor.over
+    assert [played.piece.name for played in beside.conductor.played] == ["squat"]
+
+
+def test_pieces_before_the_last_one_are_played_again_in_any_case() -> None:
+    beside = Beside(again=False)
+    beside.play(LEAD + 1.0)
+    beside.play(0.1, held=False)
+    assert beside.told[-1] == "let go: 'squat' is broken off and will be played again"
+    beside.play(LEAD + SQUAT.seconds + TROT.seconds + 0.1)
+    assert beside.conductor.over and not beside.conductor.broken
 
 
 def test_it_asks_for_what_a_recording_in_process_asks_for() -> None:

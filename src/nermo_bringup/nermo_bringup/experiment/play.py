@@ -101,7 +101,7 @@ class _Beside:
         return self._answer("press Enter to keep it; r does it again, q keeps it and leaves") == "r"
 
     def _again(self, broken: str) -> bool:
-        """The same where nobody is asked: a twin stands on its start line in each graph, a mouse has to be put there."""
+        """The same where nobody is asked: each graph has its twin on the start line, a mouse has to be put there."""
         self._broken = self._broken + 1 if broken else 0
         if broken and (self._filmed or self._broken >= SPOILED):
             raise CommandError(f"{broken}; what was recorded before stays in {self._plan.folder}")

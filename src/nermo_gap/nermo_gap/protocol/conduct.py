@@ -49,8 +49,8 @@ class Conductor:
         segment: what to play.
         robot: of which servos.
         tell: gets a sentence for whoever stands beside the mouse.
-        again: whether that is so. Otherwise the mouse has to be brought back first: whoever lets go in the last piece
-            ends it there, as at an end line; whatever else breaks a piece off breaks off the segment.
+        again: whether that is so of the last piece too. Otherwise the mouse would have to be brought back first: who
+            lets go ends that piece there, as at an end line, and whatever else breaks it off breaks off the segment.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Conductor:
     ) -> None:
         self._segment, self._robot, self._tell, self._again = segment, robot, tell, again
         self.broken = ""
-        """Why the segment was broken off, where nothing is played again."""
+        """Why the segment was broken off, where its last piece is not played again."""
         self.played: list[Played] = []
         self._standing_since: int | None = None
         self._begin: int | None = None
@@ -111,10 +111,10 @@ class Conductor:
         piece = self.piece
         if piece is None or self._begin is None:
             return
-        if self._again:
+        if self._again or len(self.played) + 1 < len(self._segment.pieces):
             self.spoiled += held
             self._tell(f"{why}: {piece.name!r} is broken off and will be played again")
-        elif not held and len(self.played) + 1 == len(self._segment.pieces):
+        elif not held:
             self.played.append(Played(piece, self._begin, now))
             self._tell(f"{why}: {piece.name!r} ended after {(now - self._begin) * 1e-9:.1f} s")
         else:
