@@ -79,7 +79,7 @@ def _measure(plan: Plan, there: dict[Run, SceneFile]) -> dict[Run, Measured]:
         if found[run].gap > LONGEST_GAP:
             _warn(f"run {run.film}: the mouse was not seen for {found[run].gap:.1f} s of its walk")
         if not found[run].result.get("reached", True):
-            _warn(f"run {run.film}: the end line was not reached, or not seen; its speed is that of what was")
+            _warn(f"run {run.film}: the end line was not reached, or not seen; it counts as far as it was")
     return found
 
 
