@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
-import subprocess
 import sys
 from pathlib import Path
 
@@ -16,7 +14,6 @@ from typer.testing import CliRunner
 
 from nermo_bringup.experiment.cli import experiment_app
 from nermo_bringup.experiment.measure import seen_in
-from nermo_bringup.launch.runner import lead_own_life
 from nermo_sim.experiments.registry import ON_ROBOT
 from nermo_track.bench.command import PLACES
 from nermo_track.bench.studio import Studio, look_at, save_film, shoot
@@ -35,8 +32,6 @@ registry.ON_ROBOT["straight-line"] = one
 RUN = f"{ONE_CASE}\nfrom nermo_bringup.cli import main\nsys.argv[0] = 'nermo'\nmain()"
 WORDS = [sys.executable, "-c", RUN, "experiment", "straight-line", "--target"]
 FPS = 15.0
-DIES_WITH_US = lead_own_life(os.getpid())
-"""As in `test_protocol_graph.py`."""
 
 
 def film_of(folder: Path, film: Path) -> Camera:
@@ -53,14 +48,29 @@ def film_of(folder: Path, film: Path) -> Camera:
     return camera
 
 
-def test_a_run_is_played_filmed_and_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_is_watched_recorded_filmed_and_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """On the twin in the graph, which waits for every command: a busy machine spoils no walk."""
-    words = [*WORDS, "sim", "--quick", "--repeats", "1", "--distance", "0.25", "--out", "out", "--yes"]
-    told = subprocess.run(
-        words, cwd=tmp_path, stdin=subprocess.DEVNULL, capture_output=True, text=True, preexec_fn=DIES_WITH_US
-    )
-    assert told.returncode == 0, told.stderr + told.stdout
-    assert "put the mouse on the start line" in told.stderr and "1 of 1 runs are recorded" in told.stdout
+    short = ["--quick", "--repeats", "2", "--distance", "0.25", "--out", "out"]
+    terminal = Terminal([*WORDS, "sim", "--dead-man", "space", *short], tmp_path)
+    try:
+
+        def hold() -> None:
+            terminal.type(" ")
+
+        terminal.until(lambda: terminal.shows("press Enter when it is so"), "it says where to put the mouse")
+        assert "run 01 of 2" in terminal.text and "put the mouse on the start line" in terminal.text
+        terminal.type("\n")
+        terminal.until(lambda: terminal.shows("hold the space bar"), "the graph is up")
+        terminal.until(lambda: terminal.shows("2 of 2: trot"), "the mouse walks", hold)
+        terminal.until(lambda: terminal.shows("press Enter to keep it"), "it has walked", hold)
+        terminal.type("\n")
+        terminal.until(lambda: terminal.shows("run 02 of 2"), "the next one")
+        terminal.type("s\n")
+        assert terminal.end() == 0, terminal.text
+    finally:
+        terminal.close()
+    assert not left_running(os.environ["ROS_DOMAIN_ID"])
+    assert "1 of 2 runs are recorded" in terminal.text
     robot = tmp_path / "out" / "straight-line" / "robot"
     (run,) = (path for path in robot.iterdir() if path.name.startswith("01_"))
 
@@ -92,45 +102,17 @@ def test_a_run_is_played_filmed_and_measured(tmp_path: Path, monkeypatch: pytest
     assert np.abs(filmed.position[:, 0] - there).max() < 0.01
 
 
-def test_who_stands_beside_the_mouse_is_told_and_asked(graph, tmp_path: Path) -> None:
-    """Nermo-Lite, emulated at a serial line."""
-    link = str(tmp_path / "device")
-    device = graph.start(
-        "nermo_bringup.nodes.twin_device", "-r", "__ns:=/nermo", *graph.parameters(link=link, bus="pwm_board")
-    )
-    words = [*WORDS, "serial", "--port", link, "--repeats", "2", "--quick", "--out", "out"]
-    robot = tmp_path / "out" / "straight-line" / "robot"
-    first = Terminal(words, tmp_path)
+def test_who_stands_beside_a_real_mouse_is_told_what_to_film_and_may_leave(tmp_path: Path) -> None:
+    words = [*WORDS, "serial", "--port", "nowhere", "--repeats", "2", "--quick", "--out", "out"]
+    terminal = Terminal(words, tmp_path)
     try:
-
-        def hold() -> None:
-            first.type(" ")
-
-        first.until(lambda: first.shows("press Enter when it is so"), "it says where to put the mouse")
-        assert "run 01 of 2" in first.text and "put the mouse on the start line" in first.text
-        assert "named 01.mp4 and so on" in first.text
-        first.type("\n")
-        first.until(lambda: first.shows("start film 01 now"), "the graph is up")
-        first.until(lambda: first.shows("1 of 2: squat and sway"), "the mouse moves", hold)
-        first.type("x")
-        first.until(lambda: first.shows("let go: 'clock' is broken off"), "it stands still")
-        first.process.send_signal(signal.SIGINT)
-        assert first.end() == 0, first.text
+        terminal.until(lambda: terminal.shows("press Enter when it is so"), "it says where to put the mouse")
+        assert "one film a run, named 01.mp4" in " ".join(terminal.text.split())
+        terminal.type("s\n")
+        terminal.until(lambda: terminal.shows("run 02 of 2"), "it goes on with the next one")
+        terminal.type("q\n")
+        assert terminal.end() == 0, terminal.text
     finally:
-        first.close()
-    assert "left; what is recorded stays" in first.text and "0 of 2 runs are recorded" in first.text
-    graph.stop(device)
-    assert not left_running(os.environ["ROS_DOMAIN_ID"])
-    (began,) = robot.glob("01_*/recording/*.mcap")
-    assert began.stat().st_size > 0
-
-    again = Terminal([*WORDS, "serial", "--port", link, "--out", "out"], tmp_path)
-    try:
-        again.until(lambda: again.shows("press Enter when it is so"), "the first run is still missing")
-        again.type("s\n")
-        again.until(lambda: again.shows("run 02 of 2"), "it goes on with the next one")
-        again.type("q\n")
-        assert again.end() == 0, again.text
-    finally:
-        again.close()
-    assert "left; what is recorded stays" in again.text
+        terminal.close()
+    assert "left; what is recorded stays" in terminal.text and "0 of 2 runs are recorded" in terminal.text
+    assert [path.name for path in (tmp_path / "out" / "straight-line" / "robot").iterdir()] == ["experiment.yaml"]
