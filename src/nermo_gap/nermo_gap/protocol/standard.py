@@ -112,10 +112,13 @@ _WALKS = (
 
 
 def clock() -> Piece:
-    """What tells a film's clock before a walk, which looks alike after each stride: it never repeats itself."""
-    squat = tuple(Wave(f"{leg}_knee", -0.35, 1.0, 3.0, one_way=True, end=3.0) for leg in LEGS)
-    sway = tuple(Wave(f"{leg}_hip", 0.2, 1.0, 4.0, begin=3.0) for leg in LEGS)
-    return Piece("clock", "squat and sway, for the film's clock", 6.0 + 2.0 * REST, (*squat, *sway), looks=(2.9,))
+    """What tells a film's clock before a walk, which looks alike after each stride.
+
+    Squats that get faster while the sway gets slower never repeat themselves, and each second tells as much as another.
+    """
+    squat = tuple(Wave(f"{leg}_knee", -0.35, 0.7, 2.0, one_way=True) for leg in LEGS)
+    sway = tuple(Wave(f"{leg}_hip", 0.2, 1.9, 0.6) for leg in LEGS)
+    return Piece("clock", "squat and sway, for the film's clock", 6.0 + 2.0 * REST, (*squat, *sway), looks=(0.6,))
 
 
 def _walking() -> Segment:
