@@ -103,7 +103,7 @@ def _report(plan: Plan, request: RobotRequest, there: dict[Run, SceneFile], meas
         log = request.folder / "runs.jsonl"
         twin = run_cases(on_robot.experiment.run, cases, settings, on_robot.experiment.name, log, request.workers, say)
     by_case = [[found for run, found in measured.items() if run.case == case] for case in cases]
-    rows = [_row(plan, *each) for each in zip(cases, by_case, twin, strict=True)]
+    rows = [row_of(plan, *each) for each in zip(cases, by_case, twin, strict=True)]
     about = plan.about
     title = f"{about.experiment} on the mouse, {about.distance:g} m, at most {about.repeats} x each, {about.robot}"
     print_rows(title, rows, _columns(plan, rows))
@@ -125,7 +125,7 @@ def _report(plan: Plan, request: RobotRequest, there: dict[Run, SceneFile], meas
         write_results(request.json, f"{about.experiment}-robot", facts, robot=about.robot, seed=about.seed)
 
 
-def _row(plan: Plan, case: Any, found: Sequence[Measured], twin: Sequence[Result]) -> Row:
+def row_of(plan: Plan, case: Any, found: Sequence[Measured], twin: Sequence[Result]) -> Row:
     """A case: what the mouse did, what its twin does, and N's two."""
     names = plan.on_robot.measured
     row: Row = {**plan.on_robot.describe(case), "runs": len(found), **summary(list(found), names)}
