@@ -92,6 +92,15 @@ def test_a_plan_goes_on_as_it_began(tmp_path: Path) -> None:
         Plan.of(asked(tmp_path), LINE)
 
 
+def test_an_arc_is_of_one_length(tmp_path: Path) -> None:
+    turning = ON_ROBOT["turning"]
+    plan = Plan.of(asked(tmp_path, name="turning", quick=True), turning)
+    assert plan.about.distance == pytest.approx(0.25 * math.pi)
+    assert len(plan.cases) == 3 and plan.segment(plan.runs[0]).seconds > 22.0, "also N's slowest robot arrives"
+    with pytest.raises(CommandError, match=r"--distance: is 1; turning is over 0.785 m always"):
+        Plan.of(asked(tmp_path, name="turning", distance=1.0), turning)
+
+
 def test_a_run_that_was_broken_off_is_missing_and_what_is_set_aside_stays(tmp_path: Path) -> None:
     plan = Plan(PlanFile(experiment="straight-line", robot="nermo_lite", distance=0.5, repeats=1), LINE, tmp_path)
     run = plan.runs[0]

@@ -155,11 +155,19 @@ class Plan:
 
 
 def _asked(request: RobotRequest, on_robot: OnRobot[Any]) -> PlanFile:
+    """What a new folder's runs have in common. Raises CommandError for a distance that this experiment has not."""
+    usual = on_robot.distance
+    if not on_robot.other_distances and request.distance not in (None, usual):
+        raise CommandError(
+            f"--distance: is {request.distance:g}; {request.name} is over {usual:.3f} m always", status=2
+        )
+    if request.quick and on_robot.other_distances:
+        usual = QUICK_DISTANCE
     repeats = on_robot.repeats.quick if request.quick else on_robot.repeats.usual
     return PlanFile(
         experiment=request.name,
         robot=_found(request.robot) or on_robot.experiment.robot,
-        distance=request.distance or (QUICK_DISTANCE if request.quick else on_robot.distance),
+        distance=request.distance or usual,
         repeats=request.repeats or repeats,
         quick=request.quick,
         seed=request.seed,

@@ -87,6 +87,8 @@ class OnRobot(Generic[CaseType]):
     """N's claims of its robot beside these rows, as `claims.board` has them."""
     picture: Callable[[Sequence[Row], Path], None]
     """Draws the rows."""
+    other_distances: bool = True
+    """Whether a run may be over another distance than N's, on the twin too."""
     repeats: Repeats = field(default_factory=Repeats)
 
 

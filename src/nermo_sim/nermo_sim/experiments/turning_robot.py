@@ -138,5 +138,6 @@ ON_ROBOT = OnRobot(
     describe=asdict,
     thesis=_thesis,
     claims=_claims,
+    other_distances=False,
     picture=_picture,
 )
