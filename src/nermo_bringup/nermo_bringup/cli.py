@@ -97,7 +97,7 @@ for word in (drive, demo, play, replay, repair):
 # imported when they are called.
 _WORDS = {
     "experiment": (
-        "nermo_sim.experiments.cli:experiment_app",
+        "nermo_bringup.experiment.cli:experiment_app",
         "Run an experiment of the theses; its table stands beside theirs.",
     ),
     "bench": (

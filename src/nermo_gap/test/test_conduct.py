@@ -25,9 +25,9 @@ BEGUN = 7_000_000_000
 class Beside:
     """A conductor, its clock, and what it says to whoever stands beside the mouse."""
 
-    def __init__(self) -> None:
+    def __init__(self, again: bool = True) -> None:
         self.told: list[str] = []
-        self.conductor = Conductor(SEGMENT, ROBOT, self.told.append)
+        self.conductor = Conductor(SEGMENT, ROBOT, self.told.append, again)
         self.now = BEGUN - TICK
 
     def play(self, seconds: float, held: bool = True) -> list[Posture]:
@@ -88,6 +88,35 @@ def test_a_piece_in_which_the_servos_are_not_commanded_is_played_again_from_when
     assert beside.told[-1] == "the servos are commanded no more: 'squat' is broken off and will be played again"
     beside.play(LEAD + SQUAT.seconds + 0.1)
     assert [played.piece.name for played in conductor.played] == ["squat"] and conductor.spoiled == 0
+
+
+def test_where_the_last_piece_is_not_played_again_who_lets_go_ends_it() -> None:
+    beside = Beside(again=False)
+    beside.play(LEAD + SQUAT.seconds + 1.0)
+    assert set(beside.play(0.1, held=False)) == {Posture.STAND}
+    conductor = beside.conductor
+    assert conductor.over and not conductor.broken
+    walked = conductor.played[-1]
+    assert walked.piece is TROT and (walked.end - walked.begin) * 1e-9 == pytest.approx(1.0, abs=0.01)
+    assert beside.told[-1] == "let go: 'trot' ended after 1.0 s"
+
+
+def test_a_last_piece_that_is_not_played_again_is_broken_off_by_whatever_else() -> None:
+    beside = Beside(again=False)
+    beside.play(LEAD + SQUAT.seconds + 1.0)
+    beside.now += 10**9
+    assert set(beside.play(0.1)) == {Posture.STAND}
+    assert beside.conductor.broken == "late: 'trot' was broken off" and not beside.conductor.over
+    assert [played.piece.name for played in beside.conductor.played] == ["squat"]
+
+
+def test_pieces_before_the_last_one_are_played_again_in_any_case() -> None:
+    beside = Beside(again=False)
+    beside.play(LEAD + 1.0)
+    beside.play(0.1, held=False)
+    assert beside.told[-1] == "let go: 'squat' is broken off and will be played again"
+    beside.play(LEAD + SQUAT.seconds + TROT.seconds + 0.1)
+    assert beside.conductor.over and not beside.conductor.broken
 
 
 def test_it_asks_for_what_a_recording_in_process_asks_for() -> None:

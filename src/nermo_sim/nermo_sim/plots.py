@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -122,3 +123,47 @@ def _speeds(axes: Axes, rows: Sequence[dict[str, Any]], over: str, label: str, c
     printed = [(row[over], row["thesis_m_s"]) for row in rows if row["thesis_m_s"] is not None]
     if printed:
         axes.plot(*zip(*printed, strict=True), "x", color=color, markersize=10)
+
+
+def plot_on_robot(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """Speed by frequency of a real mouse (full; both uncertainties), its twin (hollow) and N's robot (crosses)."""
+    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
+    axes = figure.subplots()
+    for index, kind in enumerate(dict.fromkeys(map(_kind, rows))):
+        of_gait = sorted((row for row in rows if _kind(row) == kind), key=lambda row: float(row["frequency_hz"]))
+        label = f"{kind[0].replace('_', ' ')}, spine {'on' if kind[1] else 'off'}"
+        color = f"C{index}"
+        axes.errorbar(*_known(of_gait, ""), marker="o", label=label, color=color, capsize=3)
+        axes.errorbar(*_known(of_gait, "twin_"), marker="s", mfc="none", ls="--", alpha=0.6, color=color, capsize=3)
+        axes.plot(*_known(of_gait, "thesis_robot_")[:2], "x", color=color, markersize=10)
+    title = "full: robot, hollow: its twin, x: the thesis's robot"
+    axes.set(xlabel="gait frequency [Hz]", ylabel="speed [m/s]", title=title)
+    axes.grid(alpha=0.3)
+    axes.set_ylim(bottom=0.0)
+    axes.legend()
+    figure.savefig(path, dpi=120)
+
+
+def _known(rows: Sequence[dict[str, Any]], whose: str) -> tuple[list[float], list[float], list[float]]:
+    """Frequencies [Hz], speeds and their deviations [m/s] of the rows that have a speed of this one's."""
+    known = [row for row in rows if row[f"{whose}speed_m_s"] is not None]
+    parts = (f"{whose}scatter_speed_m_s", f"{whose}tracker_speed_m_s")
+    wide = [math.hypot(*(row.get(part) or 0.0 for part in parts)) for row in known]
+    return [row["frequency_hz"] for row in known], [row[f"{whose}speed_m_s"] for row in known], wide
+
+
+def plot_turning_on_robot(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """Time on the arc by strategy of a real mouse (both uncertainties), its twin, and N's two."""
+    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
+    axes = figure.subplots()
+    names = {"": "robot", "twin_": "its twin", "thesis_robot_": "the thesis's robot", "thesis_twin_": "its twin, N"}
+    for index, (whose, label) in enumerate(names.items()):
+        known = [(place, row) for place, row in enumerate(rows) if row[f"{whose}time_s"] is not None]
+        parts = (f"{whose}scatter_time_s", f"{whose}tracker_time_s")
+        wide = [math.hypot(*(row.get(part) or 0.0 for part in parts)) for _, row in known]
+        where = [place + 0.2 * (index - 1.5) for place, _ in known]
+        axes.bar(where, [row[f"{whose}time_s"] for _, row in known], 0.18, yerr=wide, label=label, capsize=3)
+    axes.set_xticks(range(len(rows)), [row["strategy"] for row in rows])
+    axes.set(ylabel="time [s]", title=f"Arc of {rows[0]['path_radius_m']:g} m")
+    axes.legend()
+    figure.savefig(path, dpi=120)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
@@ -19,6 +19,22 @@ from nermo_sim.sensor_data import SensorData
 from nermo_sim.twin import Twin
 
 Array = NDArray[np.float64]
+
+
+class Moved(Protocol):
+    """How a body moved, whoever saw it: a simulation, or a camera."""
+
+    @property
+    def time(self) -> Array:
+        """(n,) [s], from the first row."""
+
+    @property
+    def position(self) -> Array:
+        """(n, 3) [m], of base_link in the world."""
+
+    @property
+    def roll_pitch_yaw(self) -> Array:
+        """(n, 3) [rad], of base_link; yaw without jumps. Positive pitch is nose down (REP-103)."""
 
 
 class Recorder:

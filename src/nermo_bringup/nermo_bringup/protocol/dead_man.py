@@ -12,7 +12,7 @@ from nermo_bringup.teleop.joystick import JoystickError, PadReader
 from nermo_bringup.teleop.keyboard import HOLD_S, KeyboardError, raw_terminal, read_keys
 from nermo_bringup.teleop.pads import load_pad
 from nermo_description.results import CommandError
-from nermo_gap.protocol.through_graph import DeadMan
+from nermo_sim.experiments.on_robot import DeadMan
 
 REPEATED_S = 0.2
 """A held key repeats every 20 to 90 ms."""

@@ -1,4 +1,4 @@
-"""`nermo gap record --target`: each segment through a graph of its own, from what to prepare to its recording."""
+"""Segments of a protocol, each through a graph of its own, from what to prepare to its recording."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ from nermo_description.stand import Stand
 from nermo_gap.protocol.conduct import STAND, Conductor, Played
 from nermo_gap.protocol.pieces import Segment
 from nermo_gap.protocol.scene import BAG_FOLDER, SCENE_FILE, SceneFile
-from nermo_gap.protocol.through_graph import TWIN, Request
+from nermo_gap.protocol.through_graph import Request
+from nermo_sim.experiments.on_robot import TWIN
 from simgap.data.errors import GapInputError
 
 NAMESPACE = "nermo"
@@ -57,20 +58,31 @@ def record_through_graph(request: Request) -> list[Path]:
     """
     if request.out.exists() and any(request.out.iterdir()):
         raise GapInputError(f"{request.out}: holds something already; give a folder that is new or empty")
+    with session(request) as opened:
+        return opened.run()
+
+
+@contextmanager
+def session(request: Request) -> Iterator[Session]:
+    """A session, while the block runs; signals are its then.
+
+    Raises:
+        CommandError: a real mouse would have nobody who watches it.
+    """
     if not (request.on_twin and request.watched_by == "none") and not sys.stdin.isatty():
         raise CommandError(
-            "a real mouse is watched: its segments wait for Enter, and it moves while the space bar is held, so "
-            "that this needs a terminal as its input",
+            "a real mouse is watched: it waits for Enter, and moves while the space bar is held, so that "
+            "this needs a terminal as its input",
             status=2,
         )
     if request.target == "link" and request.port == TWIN:
         make_missing_keys()
     signals = Signals()
     with signals.taken():
-        return _Session(request, signals).run()
+        yield Session(request, signals)
 
 
-class _Session:
+class Session:
     """One protocol: what to prepare, the graph, the pieces, the recording, segment by segment."""
 
     def __init__(self, request: Request, signals: Signals) -> None:
@@ -89,7 +101,7 @@ class _Session:
                 folder = request.out / f"{number + 1}_{segment.name}"
                 self._prepare(segment)
                 folder.mkdir(parents=True)
-                self._record(segment, folder)
+                self.record(segment, folder)
                 folders.append(folder)
         except LeftError:
             kept = f"{len(folders)} of {len(request.protocol.segments)} segments are whole in {request.out}"
@@ -98,16 +110,35 @@ class _Session:
 
     def _prepare(self, segment: Segment) -> None:
         """Says what to prepare; beside a real mouse, waits until it is."""
-        self._console.print(f"{segment.name}: {segment.tell}", style="bold")
-        if self._request.on_twin:
-            return
-        self._console.print("press Enter when it is so (Ctrl-C leaves)")
+        self.announce(f"{segment.name}: {segment.tell}")
+        if not self._request.on_twin:
+            self.ask("press Enter when it is so (Ctrl-C leaves)")
+
+    def announce(self, text: str) -> None:
+        """Says what is next."""
+        self._console.print(text, style="bold", soft_wrap=True)
+
+    def ask(self, question: str) -> str:
+        """A line from whoever stands beside the mouse, without what surrounds it.
+
+        Raises:
+            LeftError: somebody wants to leave.
+        """
+        self._console.print(question)
         while not select.select([sys.stdin], [], [], 0.1)[0]:
             self._look_for_leaving()
-        if not sys.stdin.readline():
+        if not (line := sys.stdin.readline()):
             raise LeftError
+        return line.strip()
 
-    def _record(self, segment: Segment, folder: Path) -> None:
+    def record(self, segment: Segment, folder: Path, again: bool = True, ready: str = "") -> str:
+        """Play a segment and record it into a folder that is there; returns why it was broken off, or nothing.
+
+        ``again``: as of `Conductor`. ``ready``: what is to be told when the graph is up, before the mouse moves.
+
+        Raises:
+            CommandError, LeftError: as `record_through_graph`; what was played is kept.
+        """
         request, bag, log = self._request, (folder / BAG_FOLDER).absolute(), (folder / "graph.log").absolute()
         arguments = {
             "robot": request.robot_file,
@@ -132,10 +163,13 @@ class _Session:
                 with running_graph(arguments, log, self._domain) as graph:
                     alive = [topic for topic in ALIVE if request.on_twin or topic != "truth/odom"]
                     graph.wait_until_alive(bag, request.target == "sim", alive, self._look_for_leaving)
-                    conductor = Conductor(segment, request.robot, self._tell)
+                    conductor = Conductor(segment, request.robot, self.tell, again)
                     played = conductor.played
+                    if ready:
+                        self.tell(ready)
                     with self._progress(segment) as advance:
                         self._play(conductor, node, graph, held, advance, log)
+                    return conductor.broken
         finally:
             # Also of a segment that was not played to its end.
             if played:
@@ -169,10 +203,10 @@ class _Session:
         """Until all pieces are played, or somebody leaves; the mouse stands then."""
         last, before, checked, stepped = -1, False, 0.0, self._request.target == "sim"
         if (what := hint(self._request.watched_by)) != "":
-            self._tell(f"{what}: the mouse stands up and begins; let go and it stands still (Ctrl-C leaves)")
+            self.tell(f"{what}: the mouse stands up and begins; let go and it stands still (Ctrl-C leaves)")
         begun = False
         try:
-            while not conductor.over:
+            while not (conductor.over or conductor.broken):
                 self._look_for_leaving()
                 if node.stopped:
                     raise CommandError(
@@ -209,7 +243,8 @@ class _Session:
                 node.outlet.send(replace(STAND, stamp=now), None, every_tick=stepped)
             last = now
 
-    def _tell(self, text: str) -> None:
+    def tell(self, text: str) -> None:
+        """Says what happens."""
         self._console.print(f"  {text}")
 
     def _look_for_leaving(self) -> None:

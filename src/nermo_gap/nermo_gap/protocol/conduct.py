@@ -49,10 +49,16 @@ class Conductor:
         segment: what to play.
         robot: of which servos.
         tell: gets a sentence for whoever stands beside the mouse.
+        again: whether that is so of the last piece too. Otherwise the mouse would have to be brought back first: who
+            lets go ends that piece there, as at an end line, and whatever else breaks it off breaks off the segment.
     """
 
-    def __init__(self, segment: Segment, robot: RobotParameters, tell: Callable[[str], None]) -> None:
-        self._segment, self._robot, self._tell = segment, robot, tell
+    def __init__(
+        self, segment: Segment, robot: RobotParameters, tell: Callable[[str], None], again: bool = True
+    ) -> None:
+        self._segment, self._robot, self._tell, self._again = segment, robot, tell, again
+        self.broken = ""
+        """Why the segment was broken off, where its last piece is not played again."""
         self.played: list[Played] = []
         self._standing_since: int | None = None
         self._begin: int | None = None
@@ -89,8 +95,7 @@ class Conductor:
             why = why or "the servos are commanded no more"
         self._last = now
         if why and self.piece is not None:
-            self.spoiled += held
-            self._tell(f"{why}: {self.piece.name!r} is broken off and will be played again")
+            self._break_off(now, why, held)
         if why:
             self._begin = self._standing_since = None
         if not why and self._begin is None and not self.over:
@@ -101,6 +106,19 @@ class Conductor:
             return replace(STAND, stamp=now), None
         command, targets = asked(piece, (now - self._begin) * 1e-9, self._robot)
         return replace(command, stamp=now), targets
+
+    def _break_off(self, now: int, why: str, held: bool) -> None:
+        piece = self.piece
+        if piece is None or self._begin is None:
+            return
+        if self._again or len(self.played) + 1 < len(self._segment.pieces):
+            self.spoiled += held
+            self._tell(f"{why}: {piece.name!r} is broken off and will be played again")
+        elif not held:
+            self.played.append(Played(piece, self._begin, now))
+            self._tell(f"{why}: {piece.name!r} ended after {(now - self._begin) * 1e-9:.1f} s")
+        else:
+            self.broken = f"{why}: {piece.name!r} was broken off"
 
     def _rest(self, now: int) -> None:
         """In the stand, until that has lasted."""

@@ -111,6 +111,16 @@ _WALKS = (
 """Speed [m/s], turn rate [rad/s], gait and its frequency [Hz]."""
 
 
+def clock() -> Piece:
+    """What tells a film's clock before a walk, which looks alike after each stride.
+
+    Squats that get faster while the sway gets slower never repeat themselves, and each second tells as much as another.
+    """
+    squat = tuple(Wave(f"{leg}_knee", -0.35, 0.7, 2.0, one_way=True) for leg in LEGS)
+    sway = tuple(Wave(f"{leg}_hip", 0.2, 1.9, 0.6) for leg in LEGS)
+    return Piece("clock", "squat and sway, for the film's clock", 6.0 + 2.0 * REST, (*squat, *sway), looks=(0.6,))
+
+
 def _walking() -> Segment:
     told = ("trot slowly", "trot fast", "lateral walk", "turn left")
     pieces = tuple(_walk(name, name, *say) for name, say in zip(told, _WALKS, strict=False))

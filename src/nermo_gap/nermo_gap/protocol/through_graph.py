@@ -5,16 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from nermo_description.parameters import RobotParameters
 from nermo_gap.protocol.pieces import Protocol
-
-Target = Literal["sim", "serial", "link"]
-DeadMan = Literal["space", "pad", "none"]
-"""What the person beside the mouse holds while it moves."""
-TWIN = "twin"
-"""The port of an emulated device with the twin behind it."""
+from nermo_sim.experiments.on_robot import TWIN, DeadMan, Target
 
 
 @dataclass(frozen=True)

@@ -6,20 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from nermo_sim.run_table import Recording
+from nermo_sim.run_table import Moved, Recording
 
 AXES = ("roll", "pitch", "yaw")
 CYCLES_DRAWN = 2
 """N figures 6.7 to 6.9."""
 
 
-def orientation_noise(recording: Recording, frequency: float) -> dict[str, float]:
+def orientation_noise(moved: Moved, frequency: float) -> dict[str, float]:
     """Mean, standard deviation and amplitude [deg] of each axis over the steady part of a run.
 
     The first gait cycle is left out. The amplitude is half the range within a gait cycle, averaged over all cycles.
     """
-    angles = np.degrees(steady_angles(recording, frequency))
-    cycle = max(1, round(1.0 / (frequency * tick(recording))))
+    angles = np.degrees(steady_angles(moved, frequency))
+    cycle = max(1, round(1.0 / (frequency * tick(moved))))
     count = max(1, len(angles) // cycle)
     cycles = angles[: count * cycle].reshape(count, -1, 3) if len(angles) >= cycle else angles[None]
     amplitude = 0.5 * np.ptp(cycles, axis=1).mean(axis=0)
@@ -41,12 +41,12 @@ def mean_cycles(recording: Recording, frequency: float) -> dict[str, Any]:
     return {"time_s": np.round(np.arange(ticks) * tick(recording), 4).tolist(), **series, "spine": spine.tolist()}
 
 
-def steady_angles(recording: Recording, frequency: float) -> Any:
+def steady_angles(moved: Moved, frequency: float) -> Any:
     """Roll, pitch, yaw [rad] without the first gait cycle, (n, 3)."""
-    start = min(1.0 / frequency, 0.5 * float(recording.time[-1]))
-    return recording.roll_pitch_yaw[recording.time >= start]
+    time = moved.time
+    return moved.roll_pitch_yaw[time >= min(1.0 / frequency, 0.5 * float(time[-1]))]
 
 
-def tick(recording: Recording) -> float:
-    """Control period of a recording [s]."""
-    return float(recording.stamps[1] - recording.stamps[0]) * 1e-9
+def tick(moved: Moved) -> float:
+    """[s] From one row to the next."""
+    return float(moved.time[1] - moved.time[0])

@@ -1,4 +1,4 @@
-"""All experiments, by name: `nermo experiment` offers those that stand here."""
+"""All experiments, by name: `nermo experiment` offers those that stand here, on the twin and on the real mouse."""
 
 from __future__ import annotations
 
@@ -15,10 +15,13 @@ from nermo_sim.experiments import (
     push,
     stability,
     straight_line,
+    straight_line_robot,
     transition,
     turning,
+    turning_robot,
 )
 from nermo_sim.experiments.experiment import Experiment
+from nermo_sim.experiments.on_robot import OnRobot
 
 EXPERIMENTS: dict[str, Experiment[Any]] = {
     module.EXPERIMENT.name: module.EXPERIMENT
@@ -37,3 +40,8 @@ EXPERIMENTS: dict[str, Experiment[Any]] = {
         stability,
     )
 }
+
+ON_ROBOT: dict[str, OnRobot[Any]] = {
+    module.ON_ROBOT.experiment.name: module.ON_ROBOT for module in (straight_line_robot, turning_robot)
+}
+"""Those that can be done on the real mouse too."""

@@ -23,7 +23,7 @@ from nermo_sim.experiments.orientation import mean_cycles, orientation_noise
 from nermo_sim.experiments.runs import FALLEN, Job, Result, Settings, mean, spread, standing_loop
 from nermo_sim.experiments.springs import spring_deflections
 from nermo_sim.loop import constant
-from nermo_sim.run_table import Recording
+from nermo_sim.run_table import Moved, Recording
 from nermo_sim.twin import Twin
 
 GAITS = ("trot", "walking_trot", "lateral_walk")
@@ -123,21 +123,21 @@ def walk(job: Job[Case]) -> tuple[Recording, Twin[Any]]:
     return loop.run(constant(command), longest, until=ended, before_tick=run.tick), loop.twin
 
 
-def measure(recording: Recording, frequency: float) -> Result:
+def measure(moved: Moved, frequency: float) -> Result:
     """Speed along the first heading, drift, and orientation noise without the first gait cycle."""
-    position, angles = recording.position, recording.roll_pitch_yaw
+    position, angles = moved.position, moved.roll_pitch_yaw
     heading = angles[0, 2]
     way = position[-1, :2] - position[0, :2]
     along = way[0] * math.cos(heading) + way[1] * math.sin(heading)
     across = way[1] * math.cos(heading) - way[0] * math.sin(heading)
-    duration = float(recording.time[-1])
+    duration = float(moved.time[-1])
     return {
         "speed_m_s": float(along) / duration,
         "distance_m": float(along),
         "duration_s": duration,
         "lateral_drift_m": float(across),
         "heading_error_deg": float(np.degrees(angles[-1, 2] - heading)),
-        **orientation_noise(recording, frequency),
+        **orientation_noise(moved, frequency),
         "fell": bool(np.abs(angles[:, :2]).max() > FALLEN),
     }
 
@@ -225,10 +225,15 @@ EXPERIMENT = Experiment(
 
     A run that was stopped goes on where it was. Exit status 1 if the mouse fell.
 
+    With --target the runs of N's real robot are played on a mouse, one by one, with who stands beside it; with --film,
+    then or later, they are measured. The twin's and N's own stand beside.
+
     \b
     nermo experiment straight-line
     nermo experiment straight-line --quick --json straight.json
     nermo experiment straight-line --robot nermo --seed 7 --out /tmp/nermo
+    nermo experiment straight-line --target serial --port /dev/ttyUSB0 --calibration my_robot.yaml --out today
+    nermo experiment straight-line --film films --camera camera.yaml --out today --json today.json
     """,
     columns=(
         *(*_CASE, "speed_m_s", "speed_sd_m_s"),

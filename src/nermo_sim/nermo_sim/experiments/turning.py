@@ -15,10 +15,11 @@ from nermo_control.path import Path, PathStatus
 from nermo_control.types import ControlCommand, TrajectoryMode, TurningStrategy
 from nermo_description.parameters import RobotParameters
 from nermo_sim.experiments.experiment import Experiment
+from nermo_sim.experiments.orientation import tick
 from nermo_sim.experiments.runs import FALLEN, Job, Result, Settings, full_speed, mean, spread, standing_loop
 from nermo_sim.experiments.straight_line import FREQUENCIES, GAITS
 from nermo_sim.loop import constant
-from nermo_sim.run_table import Recording
+from nermo_sim.run_table import Moved
 from nermo_sim.twin import Twin
 
 STRATEGIES: tuple[TurningStrategy, ...] = get_args(TurningStrategy)
@@ -138,20 +139,20 @@ def run(job: Job[Case]) -> Result:
     }
 
 
-def guide_points(recording: Recording, robot: RobotParameters) -> Array:
+def guide_points(moved: Moved, robot: RobotParameters) -> Array:
     """Track of the middle of the shoulder axis, (n, 2) [m]."""
-    yaw = recording.roll_pitch_yaw[:, 2]
+    yaw = moved.roll_pitch_yaw[:, 2]
     ahead = robot.hip_positions[0][0] * np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
-    return np.asarray(recording.position[:, :2] + ahead)
+    return np.asarray(moved.position[:, :2] + ahead)
 
 
-def fitted_radius(points: Array, recording: Recording, frequency: float) -> float | None:
+def fitted_radius(points: Array, moved: Moved, frequency: float) -> float | None:
     """Radius [m] of the circle nearest to the track, without the first two gait cycles and what swings with the gait.
 
     None where the track is too short to tell.
     """
-    begin = np.searchsorted(recording.time, 2.0 / frequency)
-    smooth = _smoothed(points[begin:], recording, frequency)
+    begin = np.searchsorted(moved.time, 2.0 / frequency)
+    smooth = smoothed(points[begin:], moved, frequency)
     if len(smooth) < 3:
         return None
     # Algebraic fit: x^2 + y^2 = 2 a x + 2 b y + c.
@@ -160,19 +161,19 @@ def fitted_radius(points: Array, recording: Recording, frequency: float) -> floa
     return float(math.sqrt(max(0.0, c + a * a + b * b)))
 
 
-def _speed(points: Array, recording: Recording, frequency: float) -> float | None:
+def _speed(points: Array, moved: Moved, frequency: float) -> float | None:
     """Speed along the track [m/s], without what swings with the gait; None where the track is too short to tell."""
-    steps = np.diff(_smoothed(points, recording, frequency), axis=0)
+    steps = np.diff(smoothed(points, moved, frequency), axis=0)
     if not len(steps):
         return None
-    return float(np.hypot(*steps.T).mean()) / float(recording.stamps[1] - recording.stamps[0]) * 1e9
+    return float(np.hypot(*steps.T).mean()) / tick(moved)
 
 
-def _smoothed(points: Array, recording: Recording, frequency: float) -> Array:
+def smoothed(points: Array, moved: Moved, frequency: float) -> Array:
     """Moving mean over one gait cycle."""
     if len(points) < 2:
         return np.zeros((0, 2))
-    cycle = round(1e9 / frequency / float(recording.stamps[1] - recording.stamps[0]))
+    cycle = round(1.0 / (frequency * tick(moved)))
     if len(points) <= cycle:
         return np.zeros((0, 2))
     sums = np.vstack([np.zeros((1, 2)), np.cumsum(points, axis=0)])
@@ -213,9 +214,13 @@ EXPERIMENT = Experiment(
 
     An arc that cannot be followed is a result (`followed`), not a failure.
 
+    With --target the runs of N's real robot are played on a mouse, with --film, then or later, they are measured.
+
     \b
     nermo experiment turning
     nermo experiment turning --quick --json turning.json
+    nermo experiment turning --target link --port quic/nermo.local:7447?rel=0 --out today
+    nermo experiment turning --film films --camera camera.yaml --out today
     """,
     columns=(
         *("gait", "frequency_hz", "strategy", "path_radius_m", "time_s", "thesis_s", "radius_m", "thesis_radius_m"),

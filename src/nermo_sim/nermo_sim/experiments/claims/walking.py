@@ -201,11 +201,12 @@ def robot(claims: Claims, rows: Sequence[Row]) -> None:
         quotient(walk(rows, "trot", f, False), walk(rows, "lateral_walk", f, False), "speed_m_s") for f in FREQUENCIES
     ]
     # "by 15 % to 22 % depending on the gait frequency"; "on average 11 %".
-    topic.number("robot: speed with spine over without, mean of all frequencies [1]", 1.185, _mean(gains), SPEEDS)
-    topic.number("robot: trot over lateral walk, mean of all frequencies [1]", 1.11, _mean(ahead), SPEEDS)
+    topic.number("robot: speed with spine over without, mean of all frequencies [1]", 1.185, mean_of_all(gains), SPEEDS)
+    topic.number("robot: trot over lateral walk, mean of all frequencies [1]", 1.11, mean_of_all(ahead), SPEEDS)
 
 
-def _mean(values: Sequence[float | None]) -> float | None:
+def mean_of_all(values: Sequence[float | None]) -> float | None:
+    """Their mean; None where one is missing."""
     return None if None in values else float(np.mean(values))  # type: ignore[arg-type]
 
 

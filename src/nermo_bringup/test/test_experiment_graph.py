@@ -1,0 +1,118 @@
+"""N's straight line through the graph: what who stands beside the mouse is told, and a run played, filmed, measured."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from terminal import Terminal, left_running
+from typer.testing import CliRunner
+
+from nermo_bringup.experiment.cli import experiment_app
+from nermo_bringup.experiment.measure import seen_in
+from nermo_sim.experiments.registry import ON_ROBOT
+from nermo_track.bench.command import PLACES
+from nermo_track.bench.studio import Studio, look_at, save_film, shoot
+from nermo_track.bench.walk import Walk
+from nermo_track.camera import Camera, save_camera
+from nermo_track.layout import load_layout
+
+pytestmark = pytest.mark.timeout(600)  # a whole graph
+
+ONE_CASE = """
+import dataclasses, sys
+from nermo_sim.experiments import registry, straight_line_robot as line
+one = dataclasses.replace(line.ON_ROBOT, cases=lambda quick: line.cases(True)[:1])
+registry.ON_ROBOT["straight-line"] = one
+"""
+RUN = f"{ONE_CASE}\nfrom nermo_bringup.cli import main\nsys.argv[0] = 'nermo'\nmain()"
+WORDS = [sys.executable, "-c", RUN, "experiment", "straight-line", "--target"]
+FPS = 15.0
+
+
+def film_of(folder: Path, film: Path) -> Camera:
+    """A film of what the emulated mouse did in a run, drawn from its truth."""
+    place, seen, share = PLACES[0], seen_in(folder), 0.5
+    assert seen is not None, "the emulated mouse tells its truth"
+    size = {"width": round(share * place.camera.width), "height": round(share * place.camera.height)}
+    scaled = {name: share * getattr(place.camera, name) for name in ("fx", "fy", "cx", "cy")}
+    camera = place.camera.model_copy(update={**size, **scaled, "line_delay": place.camera.line_delay / share})
+    time = (seen.stamp - seen.stamp[0]) * 1e-9
+    walked = Walk(time, np.zeros((len(time), 1)), seen.position, seen.rotation)
+    studio = Studio.of_layout(camera, look_at(place.eye, place.target), load_layout())
+    save_film(shoot(studio, walked.poses, 1.0, time[-1] - 1.5, FPS), film, camera, FPS)
+    return camera
+
+
+def test_a_run_is_watched_recorded_filmed_and_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On the twin in the graph, which waits for every command: a busy machine spoils no walk."""
+    short = ["--quick", "--repeats", "2", "--distance", "0.25", "--out", "out"]
+    terminal = Terminal([*WORDS, "sim", "--dead-man", "space", *short], tmp_path)
+    try:
+
+        def hold() -> None:
+            terminal.type(" ")
+
+        terminal.until(lambda: terminal.shows("press Enter when it is so"), "it says where to put the mouse")
+        assert "run 01 of 2" in terminal.text and "put the mouse on the start line" in terminal.text
+        terminal.type("\n")
+        terminal.until(lambda: terminal.shows("hold the space bar"), "the graph is up")
+        terminal.until(lambda: terminal.shows("2 of 2: trot"), "the mouse walks", hold)
+        terminal.until(lambda: terminal.shows("press Enter to keep it"), "it has walked", hold)
+        terminal.type("\n")
+        terminal.until(lambda: terminal.shows("run 02 of 2"), "the next one")
+        terminal.type("s\n")
+        assert terminal.end() == 0, terminal.text
+    finally:
+        terminal.close()
+    assert not left_running(os.environ["ROS_DOMAIN_ID"])
+    assert "1 of 2 runs are recorded" in terminal.text
+    robot = tmp_path / "out" / "straight-line" / "robot"
+    (run,) = (path for path in robot.iterdir() if path.name.startswith("01_"))
+
+    films = tmp_path / "films"
+    films.mkdir()
+    save_camera(film_of(run, films / "01.avi"), tmp_path / "camera.yaml")
+    (films / "other.avi").write_bytes(b"")
+    monkeypatch.chdir(tmp_path)
+    scope: dict = {}
+    monkeypatch.setitem(ON_ROBOT, "straight-line", ON_ROBOT["straight-line"])
+    exec(ONE_CASE, scope)
+    words = ["straight-line", "--film", "films", "--camera", "camera.yaml", "--out", "out", "--json", "out.json"]
+    told = CliRunner().invoke(experiment_app, words)
+    assert told.exit_code == 0, told.output
+    assert "other.avi: its name does not begin with the number of a run" in told.output
+    facts = json.loads((tmp_path / "out.json").read_text())
+    (row,), (measured,) = facts["rows"], facts["runs"]
+    assert facts["schema"] == "nermo/straight-line-robot/1"
+    assert measured["seen_by"] == "/nermo/tracker/odom" and measured["reached"]
+    assert row["runs"] == 1 and row["thesis_robot_speed_m_s"] == 0.067
+    # The emulated mouse is the twin, on other ground; a film takes its servos' delay for its own clock's.
+    assert row["speed_m_s"] == pytest.approx(row["twin_speed_m_s"], rel=0.15)
+    assert 0.0 < row["tracker_speed_m_s"] < 0.02 * row["speed_m_s"]
+    assert row["scatter_speed_m_s"] is None, "of one run"
+    assert (robot / "straight-line.png").stat().st_size > 0
+    truth, filmed = seen_in(run), seen_in(robot / "filmed" / run.name)
+    assert truth is not None and filmed is not None
+    there = np.interp(filmed.stamp, truth.stamp, truth.position[:, 0])
+    assert np.abs(filmed.position[:, 0] - there).max() < 0.01
+
+
+def test_who_stands_beside_a_real_mouse_is_told_what_to_film_and_may_leave(tmp_path: Path) -> None:
+    words = [*WORDS, "serial", "--port", "nowhere", "--repeats", "2", "--quick", "--out", "out"]
+    terminal = Terminal(words, tmp_path)
+    try:
+        terminal.until(lambda: terminal.shows("press Enter when it is so"), "it says where to put the mouse")
+        assert "one film a run, named 01.mp4" in " ".join(terminal.text.split())
+        terminal.type("s\n")
+        terminal.until(lambda: terminal.shows("run 02 of 2"), "it goes on with the next one")
+        terminal.type("q\n")
+        assert terminal.end() == 0, terminal.text
+    finally:
+        terminal.close()
+    assert "left; what is recorded stays" in terminal.text and "0 of 2 runs are recorded" in terminal.text
+    assert [path.name for path in (tmp_path / "out" / "straight-line" / "robot").iterdir()] == ["experiment.yaml"]
