@@ -257,6 +257,8 @@ def write_diagnosis(found: Diagnosis, out: Path | None, json_: Path | None, live
     from simgap.report.evidence import gather
     from simgap.report.html import write_page
 
+    if live:
+        live.writes()
     found.report["correction"] = diagnosed(found.selector.fitter, found.numbers, found.report["effects"]).report()
     if out or json_:
         write_experiment(found, out or json_.parent, found.menu)  # type: ignore[union-attr]

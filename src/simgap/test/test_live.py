@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robots import MAPS, MODELS, simulate
+from robots import MAPS, MODELS, plant_of, simulate
 from typer.testing import CliRunner
 from yaml import safe_dump
 
+from simgap.analysis.diagnose import diagnose
+from simgap.analysis.options import Options
+from simgap.analysis.stages import Checked, Decided, Leading, Located, Staged
 from simgap.cli import app
 from simgap.data.errors import GapInputError
+from simgap.data.recording import recording_from_table
 from simgap.live.server import PageServer
 from simgap.live.story import STEPS, Story
 
@@ -56,6 +61,31 @@ def test_a_stage_that_nobody_has_listed_belongs_to_the_step_that_it_comes_in() -
         story.progress(stage, 0.0)
     steps = [json.loads(text)["step"] for text in story.since(0, 0.0)[0]]
     assert steps == ["checks", "checks", "screen", "screen", "decision", "decision"]
+
+
+def test_what_is_known_is_told_in_order_and_changes_nothing() -> None:
+    plant = plant_of("arm")
+
+    def rubs(model: Any) -> None:
+        model.dof_damping[1] += 0.25
+
+    recording = recording_from_table(simulate("arm", seconds=8.0, change=rubs), plant)
+    only, told = ("viscous_friction", "servo_gain"), list[Staged]()
+    options = Options(only=only, baselines=False, threads=1)
+    unseen = diagnose([recording], plant, options).report
+    report = diagnose([recording], plant, replace(options, staged=told.append)).report
+    assert report["effects"] == unseen["effects"] and report["gap"] == unseen["gap"]
+
+    checked, located, *leading, decided = told
+    assert isinstance(checked, Checked) and checked.channels == tuple(o.name for o in plant.outputs)
+    assert isinstance(located, Located) and sum(located.shares.values()) == pytest.approx(1.0)
+    assert leading and all(isinstance(one, Leading) for one in leading)
+    assert leading[0].causes == () and leading[0].leaders == ()
+    first = next(one for one in leading if one.promising)
+    assert not first.leaders, "the first look comes before any fit"
+    assert isinstance(decided, Decided) and decided.verdict == report["verdict"]
+    assert [c.effect for c in leading[-1].causes] == [e["name"] for e in decided.effects] == ["viscous_friction"]
+    assert leading[-1].after < leading[0].after and leading[-1].leaders[0].gain > 0.0
 
 
 # Who may read it

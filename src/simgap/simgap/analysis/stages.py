@@ -128,7 +128,8 @@ def leading(scores: Scores, found: Selection) -> Leading:
     for scored in sorted((s for s in contestants if s is not reference), key=lambda s: s.score):
         if scored.key not in leaders and len(leaders) < _LEADERS:
             leaders[scored.key] = Leader(scored.key, *scores.difference(reference.fit, scored.fit))
-    promising = tuple(s.effect.key for s in found.screened[:_PROMISING])
+    screened = dict.fromkeys(Hypothesis((s.effect,)).key for s in found.screened)
+    promising = tuple(screened)[:_PROMISING]
     causes = () if found.best is reference else _causes(found.best.fit)
     return Leading(causes, found.nominal_gap, found.best.gap, promising, tuple(leaders.values()))
 

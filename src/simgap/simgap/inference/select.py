@@ -136,6 +136,8 @@ class Selector:
                     self._grow(found)
                 except OutOfTimeError as spent:
                     self.budget.ended(str(spent))
+        if self._heard:
+            self._heard(found)
         return found
 
     @property

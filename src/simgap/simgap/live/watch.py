@@ -72,8 +72,13 @@ class Live:
                 content = {"causes": causes, "before": result.before, "after": result.after}
                 self._story.tell("decided", content | {"verdict": result.verdict, "reasons": result.reasons})
 
+    def writes(self) -> None:
+        """The answer is there, and its report is written."""
+        self._story.progress("report", 0.0)
+
     def finished(self, report: Report, evidence: Evidence, file: Path | None) -> None:
         """The report is written; ``file`` is where, None where only diagnosis.json was asked for."""
+        # Before the last event, upon which browsers fetch it.
         self._server.report = page(report, evidence).encode()
         proposed = report["next_experiment"]
         commands = report.get("what_to_do", {}).get("commands", [])

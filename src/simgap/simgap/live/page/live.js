@@ -43,8 +43,7 @@ const heard = {
   },
 
   located({ shares, candidates, spoken }) {
-    const most = Math.max(...shares.map(([, share]) => share), 1e-9);
-    at("shares").replaceChildren(...shares.map(([name, share]) => row(name, 0, share / most, `${Math.round(100 * share)} %`)));
+    at("shares").replaceChildren(...shares.map(([name, share]) => row(name, 0, share, `${Math.round(100 * share)} %`)));
     at("looked").textContent = `${candidates} effects are looked at.` + (spoken.length ? ` Single parts speak for: ${spoken.join(", ")}.` : "");
     shown("where");
   },
@@ -67,7 +66,7 @@ const heard = {
   async finished(event) {
     ended = true;
     shown("lost", false);
-    for (const item of at("steps").children) if (item.className === "now") passed(item);
+    for (const item of at("steps").children) passed(item);
     at("clock").textContent = `${digits(event.wall)} s`;
     at("what").textContent = "The diagnosis has ended";
     document.title = at("title").textContent = event.title;
