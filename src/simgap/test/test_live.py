@@ -6,6 +6,7 @@ import http.client
 import json
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -361,6 +362,19 @@ def test_nothing_is_lost_when_the_browser_closes(browser: Any, arm: Path, tmp_pa
 
 
 @browsed
+@pytest.mark.slow
+def test_an_end_by_ctrl_c_is_told(browser: Any, arm: Path, tmp_path: Path) -> None:
+    diagnosis = Diagnosis(arm, tmp_path, 60.0)
+    page, _ = opened(browser, diagnosis.address, WIDE)
+    page.locator("#shares div").first.wait_for()
+    diagnosis.process.send_signal(signal.SIGINT)
+    page.locator("#failure").wait_for()
+    assert page.locator("#failure").inner_text() == "It was interrupted."
+    assert diagnosis.ends() != 0 and "Traceback" not in diagnosis.text
+    assert page.locator("#shares div").count() > 0, "what was known stays"
+
+
+@browsed
 def test_a_page_without_an_answer_says_why(browser: Any, tmp_path: Path) -> None:
     from simgap.live.watch import Live
 
@@ -368,8 +382,9 @@ def test_a_page_without_an_answer_says_why(browser: Any, tmp_path: Path) -> None
     page, _ = opened(browser, live.address, NARROW)
     live.beside(lambda stage, share: None)("align", 0.0)
     page.locator("#steps .now").wait_for()
-    live.failed("log.csv: column 'q9' is not there")
+    sentence = f"/home/{'long_path/' * 9}log.csv: column 'q9' is not there"
+    live.failed(sentence)
     page.locator("#failure").wait_for()
-    assert page.locator("#failure").inner_text() == "log.csv: column 'q9' is not there"
+    assert page.locator("#failure").inner_text() == sentence
     live.close()
     assert sticks_out(page) <= 0.0
