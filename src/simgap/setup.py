@@ -7,7 +7,7 @@ setup(
     name=package_name,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
-    package_data={package_name: ["py.typed", "examples/**/*", "inference/*.yaml", "report/*.j2"]},
+    package_data={package_name: ["py.typed", "examples/**/*", "inference/*.yaml", "report/*.j2", "live/page/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),

@@ -24,11 +24,14 @@ from std_msgs.msg import Bool
 from nermo_interfaces.msg import ControlCommand
 from nermo_node import qos
 from nermo_node.recording_reader import Recording
+from nermo_web.gap_colours import FAR, SAME, gaps_of
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 # Without a graphics card, and as root in a container.
 OPTIONS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 PATIENCE_S = 90.0
+GREEN, RED, SOME = 12, 40, 0.01
+"""Levels of 255 by which a colour stands out (a mouse is pale pink itself), and the share of pixels that counts."""
 SMALL = {"width": 800, "height": 420}
 """Drawn by the processor, a larger picture takes longer than the stick may be silent."""
 
@@ -47,6 +50,8 @@ class Graph:
         self.stops: list[bool] = []
         self.place: tuple[float, float] = (0.0, 0.0)
         self.twin = ""
+        self.gaps: dict[str, float] = {}
+        """What `gap_monitor` said last, by part [sensor resolutions]."""
         node = bench.node
         node.create_subscription(ControlCommand, "/nermo/control_command", self.commands.append, 100)
         node.create_subscription(Bool, "/nermo/emergency_stop", lambda said: self.stops.append(said.data), qos.STATE)
@@ -74,6 +79,8 @@ class Graph:
         for status in message.status:
             if status.name == "nermo/mujoco_sim: twin":
                 self.twin = status.message
+            if status.name.endswith("gap_monitor: gap"):
+                self.gaps = gaps_of({pair.key: pair.value for pair in status.values})
 
 
 @pytest.fixture
@@ -287,3 +294,43 @@ def test_sliders_set_parameters_and_a_refusal_is_said(graph: Graph, browser: Bro
     hand_on_stick(page)
     graph.until(lambda: bool(graph.commands) and graph.commands[-1].gait == "lateral_walk", "commands name the gait")
     assert graph.commands[-1].spine_modes.turning
+
+
+WEAK = """name: weak
+base: nermo_lite
+deviations:
+- {effect: servo_gain, sites: [front_right_hip, front_right_knee], values: {factor: 0.15}}
+"""
+"""The leg that is nearest in the picture."""
+
+
+def tinted(page: Page) -> tuple[float, float]:
+    """Shares of the scene's pixels that are clearly green, and clearly red: a mouse by itself is neither."""
+    red, green, blue = np.moveaxis(picture(page), -1, 0)
+    greener, redder = green - np.maximum(red, blue), red - np.maximum(green, blue)
+    return float(np.mean(greener > GREEN)), float(np.mean(redder > RED))
+
+
+def test_the_twin_is_a_ghost_whose_colour_follows_the_gap(graph: Graph, browser: Browser, tmp_path: Path) -> None:
+    page = open_page(graph, browser)
+    scene = page.frame_locator("#scene")
+    graph.until(lambda: scene.locator("canvas").count() > 0, "the scene is there")
+    graph.until(lambda: len(np.unique(picture(page).reshape(-1, 3), axis=0)) > 500, "the scene shows a mouse")
+    nothing, arrows = tinted(page)
+    assert nothing < SOME, "nothing is green where there is no ghost"
+
+    # Its twin is the same mouse, and stands as it does.
+    namespace = ("-r", "__ns:=/nermo")
+    monitor = graph.bench.start("nermo_gap.nodes.gap_monitor", *namespace)
+    graph.until(lambda: bool(graph.gaps) and max(graph.gaps.values()) < SAME, "robot and twin agree")
+    graph.until(lambda: tinted(page)[0] > 5.0 * SOME, "a green ghost appears")
+    assert tinted(page)[1] < arrows + SOME, "and nothing of it is red"
+    graph.bench.stop(monitor)
+    graph.until(lambda: tinted(page)[0] < SOME, "where there is no twin any more, there is no ghost")
+
+    # This twin has a weak leg, which gives way: of that leg the two differ.
+    (tmp_path / "weak.yaml").write_text(WEAK, encoding="utf-8")
+    graph.gaps = {}
+    graph.bench.start("nermo_gap.nodes.gap_monitor", *namespace, "-p", f"robot:={tmp_path / 'weak.yaml'}")
+    graph.until(lambda: graph.gaps.get("front_right_leg", 0.0) > FAR, "the monitor says so")
+    graph.until(lambda: tinted(page)[1] > arrows + SOME, "the leg is drawn red")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,9 +15,12 @@ from simgap.blind.cli import blind_app
 from simgap.console import HELP, called, fail, print_diagnosis, progress, refusals, silence, writable, write_diagnosis
 from simgap.execution.executors import HELP as EXECUTOR
 from simgap.execution.executors import PROCESSES
+from simgap.live.options import HERE, PORT, Web, WebHost, WebPort
 
 if TYPE_CHECKING:
     from nermo_gap.protocol.through_graph import ThroughGraph
+    from simgap.analysis.diagnose import Diagnosis
+    from simgap.analysis.options import Options
 
 # What does the work takes seconds to import, and help is asked for often: commands import it when they run.
 
@@ -85,6 +88,9 @@ def diagnose_command(
         list[Path] | None,
         typer.Option(help="A recording of the same robot when it was well (may be repeated): what has changed since?"),
     ] = None,
+    web: Web = False,
+    web_host: WebHost = HERE,
+    web_port: WebPort = PORT,
 ) -> None:
     """Say where the gap of a recording lies, which effect causes it, and how far the effect shrinks it.
 
@@ -92,6 +98,7 @@ def diagnose_command(
     Examples:
       nermo gap diagnose recordings/today --robot nermo --out diagnosis
       nermo gap diagnose recordings/today --reference recordings/yesterday
+      nermo gap diagnose recordings/today --web
       nermo gap diagnose log.csv --model robot.xml --map map.yaml --json diagnosis.json
     """
     other = model is not None or map_ is not None
@@ -101,34 +108,45 @@ def diagnose_command(
     if not mouse and (model is None or map_ is None):
         fail("a table needs --model MODEL.xml and --map MAP.yaml, or --robot where it is one of the mouse", 2)
     with _refusals():
-        from simgap.analysis.diagnose import diagnose
         from simgap.analysis.options import Options
-        from simgap.data.mapping import load_map
-        from simgap.data.plant import build_plant, load_spec
-        from simgap.data.recording import load_recording
         from simgap.effects.library import load_effects
+        from simgap.live.watch import watched
 
         writable(out or (None if json_ else Path("diagnosis")), json_)
         extra = tuple(c for path in effects or () for c in load_effects(path))
-        with silence() as terminal, progress("align", terminal) as say:
-            options = Options(seed, None, extra, {}, baselines, tuple(only or ()), say, budget=budget)
-            if model is not None and map_ is not None:
-                plant = build_plant(load_spec(model), load_map(map_))
-                options.reference = [load_recording(r, plant) for r in reference or ()]
-                found = diagnose([load_recording(r, plant) for r in recordings], plant, options)
-            else:
-                # What knows the mouse is imported only for the mouse.
-                from nermo_gap.robots.diagnosis import diagnose_recordings
+        options = Options(seed, None, extra, {}, baselines, tuple(only or ()), budget=budget)
+        with watched(web, web_host, web_port) as live:
+            with silence() as terminal, progress("align", terminal) as say:
+                options.progress, options.staged = (live.beside(say), live.staged) if live else (say, None)
+                if model is not None and map_ is not None:
+                    found = _diagnosed(recordings, model, map_, options, reference or ())
+                else:
+                    # What knows the mouse is imported only for the mouse.
+                    from nermo_gap.robots.diagnosis import diagnose_recordings
 
-                found = diagnose_recordings(recordings, robot, options, reference or ())
-        found.report["command"] = called(_PROGRAM, "diagnose")
-        if mouse:
-            from nermo_gap.robots.checks import what_to_do
+                    found = diagnose_recordings(recordings, robot, options, reference or ())
+            found.report["command"] = called(_PROGRAM, "diagnose")
+            if mouse:
+                from nermo_gap.robots.checks import what_to_do
 
-            folder = out or (json_.parent if json_ else Path("diagnosis"))
-            found.report["what_to_do"] = what_to_do(found.report, str(folder), [str(r) for r in recordings])
-        written = write_diagnosis(found, out or (None if json_ else Path("diagnosis")), json_)
-    print_diagnosis(found, written)
+                folder = out or (json_.parent if json_ else Path("diagnosis"))
+                found.report["what_to_do"] = what_to_do(found.report, str(folder), [str(r) for r in recordings])
+            written = write_diagnosis(found, out or (None if json_ else Path("diagnosis")), json_, live)
+            print_diagnosis(found, written)
+
+
+def _diagnosed(
+    recordings: Sequence[Path], model: Path, map_: Path, options: Options, reference: Sequence[Path]
+) -> Diagnosis:
+    """Of another robot than the mouse."""
+    from simgap.analysis.diagnose import diagnose
+    from simgap.data.mapping import load_map
+    from simgap.data.plant import build_plant, load_spec
+    from simgap.data.recording import load_recording
+
+    plant = build_plant(load_spec(model), load_map(map_))
+    options.reference = [load_recording(r, plant) for r in reference]
+    return diagnose([load_recording(r, plant) for r in recordings], plant, options)
 
 
 @gap_app.command("record")

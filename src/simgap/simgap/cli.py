@@ -29,6 +29,7 @@ from simgap.console import (
 from simgap.data.formats import BAGS, TABLES, listed
 from simgap.execution.executors import HELP as EXECUTOR
 from simgap.execution.executors import PROCESSES
+from simgap.live.options import HERE, PORT, Web, WebHost, WebPort
 
 app = typer.Typer(
     name="simgap",
@@ -84,6 +85,9 @@ def diagnose_command(
         int | None, typer.Option(min=1, help="With --each: processes; by default one a processor.")
     ] = None,
     executor: Annotated[str, typer.Option(help=f"With --each. {EXECUTOR}")] = PROCESSES,
+    web: Web = False,
+    web_host: WebHost = HERE,
+    web_port: WebPort = PORT,
 ) -> None:
     """Say where the gap of a recording lies, which effect causes it, and how far the effect shrinks it.
 
@@ -92,10 +96,14 @@ def diagnose_command(
       simgap diagnose log.csv --model robot.xml --map map.yaml --out diagnosis
       simgap diagnose today.csv --reference yesterday.csv --model robot.xml --map map.yaml
       simgap diagnose run*.csv --each --model robot.xml --map map.yaml --out runs
+      simgap diagnose log.csv --model robot.xml --map map.yaml --web
     """
     if not each and (executor != PROCESSES or workers is not None):
         fail("--executor and --workers need --each: one diagnosis uses the processors of this machine by itself", 2)
+    if each and web:
+        fail("--web shows one diagnosis: it does not go with --each", 2)
     with refusals():
+        from simgap.live.watch import watched
         from simgap.many import Wanted, diagnose_each, diagnose_files
 
         writable(out or (None if json_ and not each else Path("diagnosis")), json_)
@@ -119,10 +127,12 @@ def diagnose_command(
                     say("recordings", len(rows) / len(recordings))
             print_each(rows, json_ or folder / "summary.json", wanted.command)
             return
-        with silence() as terminal, progress("align", terminal) as say:
-            found = diagnose_files(wanted, say)
-        written = write_diagnosis(found, out or (None if json_ else Path("diagnosis")), json_)
-    print_diagnosis(found, written)
+        with watched(web, web_host, web_port) as live:
+            with silence() as terminal, progress("align", terminal) as say:
+                told = (live.beside(say), live.staged) if live else (say, None)
+                found = diagnose_files(wanted, *told)
+            written = write_diagnosis(found, out or (None if json_ else Path("diagnosis")), json_, live)
+            print_diagnosis(found, written)
 
 
 @app.command("apply")

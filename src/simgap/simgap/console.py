@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from simgap.analysis.diagnose import Diagnosis
+    from simgap.live.watch import Live
     from simgap.preparation.check import Check
     from simgap.preparation.detectability import Detectable
 
@@ -262,8 +263,10 @@ def _parameters(effect: dict[str, Any]) -> str:
     return ", ".join(f"{p['value']:.4g} {p['unit']}".strip() for p in effect["parameters"].values())
 
 
-def write_diagnosis(found: Diagnosis, out: Path | None, json_: Path | None) -> Path | None:
+def write_diagnosis(found: Diagnosis, out: Path | None, json_: Path | None, live: Live | None = None) -> Path | None:
     """Write diagnosis.json, the page and the next experiment into ``out``, and the diagnosis into ``json_``.
+
+    ``live`` shows it, where somebody may watch.
 
     Returns:
         The page, or where none is asked for the diagnosis.
@@ -276,6 +279,8 @@ def write_diagnosis(found: Diagnosis, out: Path | None, json_: Path | None) -> P
     from simgap.report.evidence import gather
     from simgap.report.html import write_page
 
+    if live:
+        live.writes()
     found.report["correction"] = diagnosed(found.selector.fitter, found.numbers, found.report["effects"]).report()
     try:
         if out or json_:
@@ -284,7 +289,10 @@ def write_diagnosis(found: Diagnosis, out: Path | None, json_: Path | None) -> P
             write_report(found.report, path)
     except OSError as error:
         raise GapInputError(f"{error.filename}: cannot be written ({error.strerror})") from error
-    if out:
-        write_page(found.report, gather(found), out / "report.html")
-        return out / "report.html"
-    return json_
+    evidence = gather(found) if out or live else None
+    if out and evidence:
+        write_page(found.report, evidence, out / "report.html")
+    written = out / "report.html" if out else json_
+    if live and evidence:
+        live.finished(found.report, evidence, written)
+    return written

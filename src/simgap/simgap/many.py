@@ -14,6 +14,7 @@ from simgap.execution.executors import PROCESSES, processors
 
 if TYPE_CHECKING:
     from simgap.analysis.diagnose import Diagnosis
+    from simgap.analysis.stages import Staged
 
 Say = Callable[[str, float], None]
 
@@ -36,8 +37,8 @@ class Wanted:
     command: str = ""
 
 
-def diagnose_files(wanted: Wanted, say: Say | None = None) -> Diagnosis:
-    """Read, check and diagnose recordings as one.
+def diagnose_files(wanted: Wanted, say: Say | None = None, staged: Callable[[Staged], None] | None = None) -> Diagnosis:
+    """Read, check and diagnose recordings as one; ``staged`` is told what is known so far.
 
     Raises:
         GapInputError: a file cannot be used.
@@ -64,6 +65,7 @@ def diagnose_files(wanted: Wanted, say: Say | None = None) -> Diagnosis:
         say,
         budget=wanted.budget,
         reference=[load_recording(r, plant) for r in wanted.reference],
+        staged=staged,
     )
     found = diagnose(read, plant, options)
     found.report |= {"command": wanted.command, "data": seen.report()}

@@ -19,6 +19,7 @@ LAYERS = (
     "preparation",
     "monitoring",
     "report",
+    "live",
     "blind",
     "examples",
 )

@@ -51,7 +51,13 @@ def test_the_wheel_holds_all_it_needs_and_asks_for_little(wheel: Path) -> None:
         asked = Parser().parsestr(archive.read(metadata).decode()).get_all("Requires-Dist", [])
     own = {str(f.relative_to(_source())) for f in (_source() / "simgap").rglob("*.py")}
     assert own <= set(names)
-    for data in ("py.typed", "report/report.html.j2", "examples/double_pendulum/excerpt.csv"):
+    for data in (
+        "py.typed",
+        "report/report.html.j2",
+        "report/colours.css.j2",
+        "live/page/live.js",
+        "examples/double_pendulum/excerpt.csv",
+    ):
         assert f"simgap/{data}" in names
     always = [line for line in asked if "extra ==" not in line]
     assert not [line for line in always if line.startswith(("pyarrow", "rosbags", "matplotlib", "pandas"))]

@@ -25,6 +25,7 @@ from simgap.analysis.next_experiment import Proposal, propose
 from simgap.analysis.options import Options
 from simgap.analysis.reference import learn
 from simgap.analysis.search import search
+from simgap.analysis.stages import Decided
 from simgap.data.align import Aligned
 from simgap.data.excitation import NOTHING_MOVED, excited
 from simgap.data.plant import Plant
@@ -90,6 +91,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
         found.selection,
     )
     floor, residuals, warnings = found.floor, fitter.residuals, found.warnings
+    options.say("decision", 0.0)
     verdict = judge(selector, selection)
     structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
     if verdict.kind in ("no_gap", "calibration") and not excited(plant, aligned, floor):
@@ -123,6 +125,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
         except OutOfTimeError as spent:
             budget.ended(str(spent))
     report = _report(aligned, floor, selector, selection, verdict, structure, options, longer)
+    options.tell(Decided.of(report))
     keys, runs = explain(
         fitter,
         selector.scores,

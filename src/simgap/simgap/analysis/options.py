@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from simgap.analysis.experiment import Menu
 from simgap.analysis.localisation import Phases
+from simgap.analysis.stages import Staged
 from simgap.data.align import Aligned
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording
@@ -63,6 +64,14 @@ class Options:
 
     reference: Sequence[Recording] = ()
     """Recordings of the same robot when it was well: the fault is what is new."""
+
+    staged: Callable[[Staged], None] | None = None
+    """Told what is known so far, as soon as it is; beside `progress`, which only says how far it is."""
+
+    def tell(self, result: Staged) -> None:
+        """Report what is known so far."""
+        if self.staged:
+            self.staged(result)
 
     def say(self, stage: str, share: float) -> None:
         """Report progress."""

@@ -23,7 +23,10 @@ def learn(recordings: Sequence[Recording], plant: Plant, options: Options) -> He
         GapInputError: the recordings cannot be used.
     """
     budget = Budget(None if options.budget is None else _SHARE * options.budget)
-    found = search(recordings, plant, replace(options, reference=()), budget)
+    own = replace(
+        options, reference=(), staged=None, progress=lambda stage, share: options.say(f"reference: {stage}", share)
+    )
+    found = search(recordings, plant, own, budget)
     best, scores = found.selection.best, found.selector.scores
     report = {
         "recordings": len(recordings),

@@ -12,6 +12,7 @@ from simgap.analysis import self_contact, torque_balance
 from simgap.analysis.borders import Border, borders, hints
 from simgap.analysis.input_checks import check_map, check_replay
 from simgap.analysis.options import Options
+from simgap.analysis.stages import Checked, leading, located
 from simgap.analysis.torque_balance import Balance
 from simgap.data.align import Aligned, align
 from simgap.data.excitation import still_joints
@@ -79,6 +80,8 @@ def search(
         f"joint {name} hardly moves: this recording says nothing about it"
         for name in still_joints(plant, aligned, floor)
     ]
+    options.tell(Checked.of(aligned, plant, warnings))
+    options.say("where", 0.0)
     plant = finer(self_contact.without_needless_contacts(plant, state), options.finer)
     nominal = Variant.nominal(plant)
     if healthy is not None:
@@ -100,7 +103,18 @@ def search(
     effort = options.effort or (Effort() if light(plant.model) else HEAVY)
     near, balanced = borders(plant, aligned, floor), torque_balance.balances(plant, aligned, state)
     spoken = [*torque_balance.hints(balanced, context.switched), *hints(near)]
-    selector = Selector(fitter, effects, options.seed, options.progress, effort, budget, spoken)
+    if options.staged:
+        options.tell(located(fitter, options.phases, len(effects), spoken))
+    selector = Selector(
+        fitter,
+        effects,
+        options.seed,
+        options.progress,
+        effort,
+        budget,
+        spoken,
+        (lambda found: options.tell(leading(selector.scores, found))) if options.staged else None,
+    )
     selection = selector.run()
     if not budget.left_out:
         try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -93,8 +93,9 @@ class Selector:
         effort: Effort | None = None,
         budget: Budget | None = None,
         hints: Sequence[Hint] = (),
+        heard: Callable[[Selection], None] | None = None,
     ) -> None:
-        self._hints = list(hints)
+        self._hints, self._heard = list(hints), heard
         self._effort, self.budget = effort or Effort(), budget or Budget()
         self.fitter, self.effects, self.scores, self.seed = fitter, list(effects), Scores(fitter, seed), seed
         fitter.budget = self.budget
@@ -113,7 +114,10 @@ class Selector:
         return (fit.cost - wider.cost) / max(selection.gains[-1][0], 1e-9)
 
     def run(self) -> Selection:
-        """The whole competition, or as much of it as there is time for."""
+        """The whole competition, or as much of it as there is time for.
+
+        ``heard`` is told, whenever that changes, what would be answered if the time were over.
+        """
         fitter = self.fitter
         self.candidates.say("nuisances", 0.0)
         reference = self.scores.scored(fitter.cross_validate(fitter.fit_nuisances()))
@@ -135,7 +139,20 @@ class Selector:
                         self._grow(found)
                 except OutOfTimeError as spent:
                     self.budget.ended(str(spent))
+        if self._heard:
+            self._heard(found)
         return found
+
+    @property
+    def _found(self) -> Selection:
+        """The best so far."""
+        return self._so_far
+
+    @_found.setter
+    def _found(self, found: Selection) -> None:
+        self._so_far = found
+        if self._heard:
+            self._heard(self._hurried())
 
     def _begun_near(self, result: Selection) -> Selection | None:
         """Begun with all that single parts speak for, together: real robots have several causes, each cheap alone."""
@@ -199,10 +216,10 @@ class Selector:
 
     def _compete(self, reference: Scored, begun: Selection | None) -> Selection:
         screened = self.candidates.screened_about_nominal()
-        self._found.screened = screened
+        self._found = replace(self._found, screened=screened)
         starts = self.candidates.most_promising(screened, reference.fit)
         singles = self.candidates.fitted([*self.candidates.hinted(self._hints), *starts], reference)
-        self._found.singles = singles
+        self._found = replace(self._found, singles=singles)
         singles, reference = self.candidates.finals(
             singles, reference, screened[:FAVOURITES], [begun.best.fit] if begun else []
         )

@@ -18,8 +18,7 @@ from simgap.report.style import scales
 Report = dict[str, Any]
 
 
-def page(report: Report, evidence: Evidence) -> str:
-    """The whole page."""
+def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("simgap", "report"),
         undefined=StrictUndefined,
@@ -28,6 +27,17 @@ def page(report: Report, evidence: Evidence) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {"number": number, "percent": percent, "plain": plain, "meaning": meaning, "amount": amount}
+    return environment
+
+
+def colours() -> str:
+    """CSS that says what the names of colours are, on a light and on a dark screen."""
+    template = _environment().get_template("colours.css.j2")
+    return template.render(scales={"light": scales(dark=False), "dark": scales(dark=True)})
+
+
+def page(report: Report, evidence: Evidence) -> str:
+    """The whole page."""
     drawn = {
         "robot": figures.robot(report, evidence),
         "phases": figures.phase_map(report),
@@ -41,15 +51,19 @@ def page(report: Report, evidence: Evidence) -> str:
         "isolability": figures.isolability(report),
         "confusion": figures.confusion(report),
     }
-    return environment.get_template("report.html.j2").render(
-        r=report,
-        title=title(report),
-        sentences=sentences(report),
-        figure={name: f.svg() if f is not None else None for name, f in drawn.items()},
-        scales={"light": scales(dark=False), "dark": scales(dark=True)},
-        free=progress.free_table(report),
-        glossary=GLOSSARY,
-        shares=figures.subsystem_shares(report),
+    return (
+        _environment()
+        .get_template("report.html.j2")
+        .render(
+            r=report,
+            title=title(report),
+            sentences=sentences(report),
+            figure={name: f.svg() if f is not None else None for name, f in drawn.items()},
+            colours=colours(),
+            free=progress.free_table(report),
+            glossary=GLOSSARY,
+            shares=figures.subsystem_shares(report),
+        )
     )
 
 

@@ -1,0 +1,1 @@
+"""A diagnosis watched in the browser while it runs."""
