@@ -6,7 +6,7 @@ import threading
 import time
 from typing import Any
 
-from pydantic_core import to_json
+from pydantic import ConfigDict, TypeAdapter
 
 STEPS = ("checks", "where", "screen", "leaders", "decision", "free runs", "report")
 """Of a diagnosis, in words for whoever watches it."""
@@ -27,6 +27,7 @@ _STEP = {
     "report": "report",
 }
 """Of each stage that progress names; any other belongs to the step that it comes in."""
+_EVENT = TypeAdapter(dict[str, Any], config=ConfigDict(ser_json_inf_nan="null"))
 _FINEST = 0.02
 """Of a stage: smaller progress is not told."""
 
@@ -48,7 +49,7 @@ class Story:
     def tell(self, kind: str, content: dict[str, Any], last: bool = False) -> None:
         """Add an event; numbers that are none are null. Nothing is added after the last one."""
         event = {"kind": kind, "seconds": time.monotonic() - self._begun, **content}
-        text = to_json(event, inf_nan_mode="null")
+        text = _EVENT.dump_json(event)
         with self._changed:
             if self.ended:
                 return
