@@ -206,6 +206,11 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def _as_from_a_terminal() -> None:
+    """What a shell starts in the background, these tests among it, is deaf to Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 class Diagnosis:
     """The command, as it is typed."""
 
@@ -221,6 +226,7 @@ class Diagnosis:
                 ],
                 stdout=file,
                 stderr=subprocess.STDOUT,
+                preexec_fn=_as_from_a_terminal,
             )
         until(lambda: re.search(r"watch it at (http://127\.0\.0\.1:\d+/)", self.text) is not None, "the address")
         self.address = re.findall(r"http://127\.0\.0\.1:\d+/", self.text)[0]
