@@ -283,6 +283,8 @@ class Candidates:
         )
         models = [fitter.variant(f.hypothesis, f.x, f.z) for f in (reference.fit, *reversed(leaders), *beside)]
         fitter.update_start(*models)
+        # What was seen at a glance was whitened by the starts' errors as they were judged before.
+        self._glance = Glance()
         again = []
         margin = self._hopeless(reference, singles[0])
         hopeful = [s for s in singles[: self.effort.finalists] if s.score < singles[0].score + margin]
