@@ -137,7 +137,7 @@ def diagnose_command(
 
 @app.command("apply")
 def apply_command(
-    diagnosis: Annotated[Path, typer.Argument(help="The diagnosis.json of `simgap diagnose`.")],
+    diagnosis: Annotated[Path, typer.Argument(help="The folder or diagnosis.json of `simgap diagnose`.")],
     out: Annotated[Path, typer.Option(help="The corrected model (.xml), or URDF, to write.")],
     model: Annotated[Path | None, typer.Option(help="The model that was diagnosed, an MJCF.")] = None,
     wrapper: Annotated[

@@ -387,7 +387,7 @@ def test_the_corrected_model_leaves_nothing_to_find(tmp_path: Path) -> None:
         "shoulder",
         "elbow",
     ]
-    shown = run("apply", str(first / "diagnosis.json"), "--model", str(tmp_path / "arm.xml"), "--out", str(new),
+    shown = run("apply", str(first), "--model", str(tmp_path / "arm.xml"), "--out", str(new),
                 "--randomise", str(tmp_path / "ranges.yaml"))  # fmt: skip
     assert "frictionloss" in shown and shown.splitlines()[-1] == str(new)
     run("diagnose", log, "--model", str(new), *table, "--out", str(second))

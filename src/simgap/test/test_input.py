@@ -112,6 +112,8 @@ def test_map_file_errors_name_the_file(tmp_path: Path) -> None:
         (b"time: 2026-99-99\n", "month must be in 1..12"),
         (b"\xff\xfe\xfd", "can't decode"),
         (b"- time\n", "needs the keys time, inputs and outputs"),
+        (b"gains:\n  knee: {kp: 3}\n  hip: {kp: 1}\n  knee: {kp: 30}\n", "'knee' stands twice, again in line 4"),
+        (b"inputs: []\noutputs: []\ninputs: [1]\n", "'inputs' stands twice, again in line 3"),
     ],
 )
 def test_a_map_beyond_all_measure_is_refused_in_one_sentence(tmp_path: Path, text: bytes, message: str) -> None:

@@ -16,7 +16,7 @@ from simgap.data.plant import build_plant, load_spec
 from simgap.effects.base import Context
 from simgap.effects.library import enumerate_effects
 from simgap.inference.decision import Class
-from simgap.inference.model_selection import EVIDENCE_MORE, FURTHER, earns
+from simgap.inference.model_selection import EVIDENCE_MORE, FURTHER, PREDICTS, earns
 from simgap.inference.nuisance import BOX, enumerate_nuisances
 from simgap.inference.screen import _directions
 from simgap.inference.verdict import shared
@@ -30,7 +30,7 @@ from simgap.simulation.windows import cut
 
 def _scored(effects: int) -> Any:
     fit = SimpleNamespace(
-        hypothesis=SimpleNamespace(effects=[None] * effects),
+        hypothesis=SimpleNamespace(effects=[None] * effects, grows=False),
         prior=0.0,
         strained=[],
         likelihood=None,
@@ -70,9 +70,43 @@ def test_a_first_cause_takes_a_part_of_the_gap_or_most_of_what_is_above_the_floo
     scores = cast(
         Any,
         SimpleNamespace(
-            difference=lambda worse, better: (40.0, 20.0, 60.0), typical=lambda held: held, overall=lambda held: held
+            difference=lambda worse, better: (40.0, 20.0, 60.0),
+            typical=lambda held: held,
+            overall=lambda held: held,
+            free_error=lambda fit: fit.held,
         ),
     )
+    assert earns(scores, without, with_, looked_at=100) == earned
+
+
+@pytest.mark.parametrize(
+    ("low", "without_best", "free", "earned"),
+    [
+        (20.0, 30.0, 80.0, False),
+        (20.0, 30.0, 70.0, True),
+        (-5.0, 30.0, 70.0, True),
+        (-5.0, 20.0, 70.0, False),
+        (20.0, -9.0, 70.0, True),
+    ],
+)
+def test_a_cause_of_which_windows_show_little_must_tell_where_the_robot_goes_and_in_more_than_one_block(
+    low: float, without_best: float, free: float, earned: bool
+) -> None:
+    """It gains enough, and takes 3 % of the gap: that of a double pendulum's friction, whose start is forgiven."""
+    without, with_ = _scored(0), _scored(1)
+    without.fit.held, with_.fit.held = 1.98, 1.92
+    without.fit.cost, without.gap, with_.gap = 90.0, 1.98, 1.92
+    scores = cast(
+        Any,
+        SimpleNamespace(
+            difference=lambda worse, better: (80.0, low, 120.0),
+            typical=lambda held: held,
+            overall=lambda held: held,
+            without_best=lambda worse, better: without_best,
+            free_error=lambda fit: 100.0 if fit is without.fit else free,
+        ),
+    )
+    assert (EVIDENCE_MORE, PREDICTS) == (16.0, 0.25), "the cases are written for these"
     assert earns(scores, without, with_, looked_at=100) == earned
 
 

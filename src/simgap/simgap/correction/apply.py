@@ -66,11 +66,12 @@ def diagnosed(fitter: Fitter, fit: Fit, intervals: list[dict[str, Any]]) -> Corr
 
 
 def read_diagnosis(path: Path, corrected: bool = True) -> dict[str, Any]:
-    """A diagnosis.json; ``corrected``: one that says what becomes of the model.
+    """A diagnosis.json, or that in a diagnosis's folder; ``corrected``: one that says what becomes of the model.
 
     Raises:
         GapInputError: it cannot be read, is no diagnosis, or was written without the correction that is asked for.
     """
+    path = path / "diagnosis.json" if path.is_dir() else path
     try:
         report = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

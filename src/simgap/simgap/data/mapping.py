@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -327,7 +328,19 @@ def _parse(text: bytes) -> object:
             raise yaml.YAMLError(f"nested more than {DEEPEST} deep in line {_line(event)}")
         if isinstance(event, yaml.AliasEvent):
             raise yaml.YAMLError(f"the alias *{event.anchor} in line {_line(event)}: a map is written without")
-    return yaml.safe_load(decoded)
+    return yaml.load(decoded, _Loader)
+
+
+class _Loader(yaml.SafeLoader):
+    """One that lets no key stand twice, of which YAML's would quietly take the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        known: set[str] = set()
+        for key, _ in node.value:
+            if str(key.value) in known:
+                raise yaml.YAMLError(f"{key.value!r} stands twice, again in line {key.start_mark.line + 1}")
+            known.add(str(key.value))
+        return super().construct_mapping(node, deep)
 
 
 def _line(event: yaml.Event) -> int:

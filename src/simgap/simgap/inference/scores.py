@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit
+from simgap.inference.stretches import Stretches
 from simgap.inference.thresholds import LAW_ERROR
 
 Array = NDArray[np.float64]
@@ -56,6 +57,7 @@ class Scores:
         self.draws[0, scored] = 1.0
         self.draws[1:, scored] = times[:, np.searchsorted(blocks, windows.block[scored])]
         self._reference = math.nan
+        self._stretches: Stretches | None = None
 
     def known(self, fit: Fit) -> float:
         """What a fit costs because it is far from what somebody has stated [nats].
@@ -96,6 +98,16 @@ class Scores:
         mean = (weight * np.nan_to_num(square)).sum(axis=0) / np.maximum(weight.sum(axis=0), 1.0)
         return float(np.sqrt(mean.max()))
 
+    def free_error(self, fit: Fit) -> float:
+        """Error [noise floors] of a cross-validated fit where nothing forgives it its start (`Stretches`)."""
+        if self._stretches is None:
+            self._stretches = Stretches(self._fitter)
+        return self._stretches.error(fit)
+
+    def _by_block(self, gains: Array) -> Array:
+        """Sums of what held-out windows (nw,) gain, by block."""
+        return np.asarray(np.bincount(self._fitter.windows.block, gains * self.draws[0]), np.float64)
+
     def _levels(self, square: Array) -> Array:
         """Mean logarithm (nl,) of one and the mean squares (nw, nl) of held-out windows."""
         weight = self.draws[0][:, None] * self._fitter.recorded
@@ -117,6 +129,14 @@ class Scores:
         before, after = np.nan_to_num(worse.held_cost), np.nan_to_num(better.held_cost)
         return self.gain(before, after, worse.prior - better.prior - price)
 
+    def without_best(self, worse: Fit, better: Fit) -> float:
+        """What ``better`` gains over ``worse`` [nats] where the block in which it gains most had not been recorded."""
+        of_chance = worse.likelihood is not None and better.likelihood is not None
+        before, after = ((f.likelihood if of_chance else np.nan_to_num(f.held_cost)) for f in (worse, better))
+        assert before is not None and after is not None
+        units = self._by_block(before - after)
+        return self.difference(worse, better)[0] - float(units.max(initial=0.0))
+
     def gain(self, worse: Array, better: Array, beside: float = 0.0) -> tuple[float, float, float]:
         """(mean, 5 %, 95 %) of the difference of costs (nw,) of windows, and what is gained ``beside`` it.
 
@@ -124,8 +144,7 @@ class Scores:
         elsewhere; windows, where that is a single block. A single window shows nothing: it might be any accident.
         """
         gains = (worse - better) * self.draws[0]
-        blocks = self._fitter.windows.block
-        units = np.bincount(blocks, gains)
+        units = self._by_block(worse - better)
         if (np.abs(units) > DIFFERENT).sum() < _FEW:
             units = gains
         units = units[np.abs(units) > DIFFERENT]

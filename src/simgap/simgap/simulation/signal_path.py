@@ -54,7 +54,7 @@ def _remember(u: Array, aligned: Aligned, step: Array, half_play: Array) -> Arra
             before, value = value, np.clip(centre, value - step, value + step)
             # A limited servo turns all through the period: what acts is the mean of its way.
             way = value - before
-            out[:, k] = value - 0.5 * way * np.abs(way) / step
+            out[:, k] = value - 0.5 * way * np.abs(way) / np.maximum(step, np.finfo(float).tiny)
     return out
 
 

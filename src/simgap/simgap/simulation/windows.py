@@ -212,6 +212,10 @@ def cut(
                 f"the recording gives {len(set(blocks))} blocks of {per_block} windows of {horizon:g} s; "
                 "fitting and scoring need at least one each; record longer or name other runs as held_out"
             )
+    return Windows(np.array(starts, np.int64), lead, length, compared(length), block, fold)
+
+
+def compared(length: int) -> Ints:
+    """Which samples of a window of ``length`` rows are compared: all, or every so many."""
     stride = max(1, -(-length // _MAX_SAMPLES))
-    sample = np.arange(stride - 1, length, stride, dtype=np.int64)
-    return Windows(np.array(starts, np.int64), lead, length, sample, block, fold)
+    return np.arange(stride - 1, length, stride, dtype=np.int64)
