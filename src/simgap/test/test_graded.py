@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -205,6 +206,25 @@ def test_every_cause_has_its_own_step_in_the_order_in_which_it_was_found() -> No
     assert [r["step"] for r in rows] == [*(s.name for s in found), "remainder"]
     errors = [r["free_running"]["q0"] for r in rows[1:]]
     assert errors == sorted(errors, reverse=True) and errors[-1] < 4e-4
+
+
+# -- what is left -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("left", "kind"), [(math.inf, "effect"), (1.4, "partial")])
+def test_who_knows_what_such_a_robot_leaves_is_told_that_more_is_left(left: float, kind: str) -> None:
+    """Drag at the shoulder is found; a little dry friction at the elbow is what the library here has no word for."""
+
+    def rubbing(model: mujoco.MjModel) -> None:
+        model.dof_damping[0] += 0.3
+        model.dof_frictionloss[1] += 0.01
+
+    plant = plant_of("arm")
+    recording = recording_from_table(simulate("arm", 8.0, change=rubbing), plant)
+    options = Options(only=("viscous_friction",), max_windows=12, baselines=False, left=left)
+    verdict = diagnose([recording], plant, options).verdict
+    assert (verdict.kind, verdict.best.key) == (kind, "viscous_friction@shoulder")
+    assert ("which nothing in the library explains" in verdict.reasons[0]) == (kind == "partial")
 
 
 # -- calibration -------------------------------------------------------------------------------------------------------

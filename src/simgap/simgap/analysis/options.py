@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -57,6 +58,9 @@ class Options:
     """Least noise floor by output [unit of the channel]: what its sensor can resolve, however quiet it looks."""
     phases: Phases | None = None
     """Phases of each channel's motion for `where`; by the channel's own speed where None."""
+    left: float = math.inf
+    """[noise floors] that this robot leaves in a channel at most where all is explained, where somebody knows it from
+    robots like it; without it any robot is judged by `inference/thresholds.py` alone."""
     menu: Menu | None = None
     """Where the next experiment is chosen from; by default the one that suits any robot with inputs."""
     budget: float | None = None

@@ -114,6 +114,7 @@ def search(
         budget,
         spoken,
         (lambda found: options.tell(leading(selector.scores, found))) if options.staged else None,
+        options.left,
     )
     selection = selector.run()
     if not budget.left_out:

@@ -44,8 +44,9 @@ class Scored:
 class Scores:
     """Scores fits on one recording; every bootstrap sample draws blocks of windows."""
 
-    def __init__(self, fitter: Fitter, seed: int = 0) -> None:
-        self._fitter, self._seed = fitter, seed
+    def __init__(self, fitter: Fitter, seed: int = 0, left: float = math.inf) -> None:
+        """``left``: [noise floors] that a robot which is wholly explained leaves in a channel at most, where known."""
+        self._fitter, self._seed, self._left = fitter, seed, left
         windows = fitter.windows
         scored = np.flatnonzero(windows.fold >= 0)
         blocks = np.unique(windows.block[scored])
@@ -97,6 +98,10 @@ class Scores:
         weight = self.draws[0][:, None] * self._fitter.recorded
         mean = (weight * np.nan_to_num(square)).sum(axis=0) / np.maximum(weight.sum(axis=0), 1.0)
         return float(np.sqrt(mean.max()))
+
+    def leaves_more(self, square: Array) -> bool:
+        """Whether mean squares (nw, nl) of windows are more than this robot leaves where all is explained."""
+        return self.worst_channel(square) > self._left
 
     def free_error(self, fit: Fit) -> float:
         """Error [noise floors] of a cross-validated fit where nothing forgives it its start (`Stretches`)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -94,10 +95,11 @@ class Selector:
         budget: Budget | None = None,
         hints: Sequence[Hint] = (),
         heard: Callable[[Selection], None] | None = None,
+        left: float = math.inf,
     ) -> None:
         self._hints, self._heard = list(hints), heard
         self._effort, self.budget = effort or Effort(), budget or Budget()
-        self.fitter, self.effects, self.scores, self.seed = fitter, list(effects), Scores(fitter, seed), seed
+        self.fitter, self.effects, self.scores, self.seed = fitter, list(effects), Scores(fitter, seed, left), seed
         fitter.budget = self.budget
         self.candidates = Candidates(fitter, self.effects, self.scores, self._effort, self.budget.watch(progress))
         self._sites = places(self.effects)
@@ -261,8 +263,9 @@ class Selector:
         found = replace(result, best=first, singles=singles, rivals=singles, gains=[gain], unrivalled=set())
         self._keep(found)
         while len(found.best.fit.hypothesis.effects) < self._effort.max_effects:
-            enough = self.scores.typical(found.best.fit.held) < ENOUGH and not found.best.fit.strained
-            if enough or not self.add(found, screened):
+            held = found.best.fit.held
+            much = self.scores.typical(held) >= ENOUGH or self.scores.leaves_more(held)
+            if not (much or found.best.fit.strained) or not self.add(found, screened):
                 break
             self._keep(found)
         self._drop(found)

@@ -94,8 +94,8 @@ def _explained(before: float, after: float) -> float:
 
 def _remains(scores: Scores, square: Array) -> bool:
     """Whether mean squares (nw, nl) of windows are no case of no gap."""
-    overall = float(scores.gaps(square)[0])
-    return scores.typical(square) > REMAINS or scores.worst_channel(square) > REMAINS_CHANNEL or overall > MUCH
+    much = scores.typical(square) > REMAINS or float(scores.gaps(square)[0]) > MUCH
+    return much or scores.worst_channel(square) > REMAINS_CHANNEL or scores.leaves_more(square)
 
 
 def _without_effect(verdict: Verdict, selector: Selector, selection: Selection) -> None:
@@ -136,12 +136,14 @@ def _with_effects(verdict: Verdict, selector: Selector, selection: Selection) ->
     typical, reference_typical = (scores.typical(s.fit.held) for s in (best, reference))
     pairs = (reference_typical, typical), (reference.gap, best.gap)
     by_causes = max(_explained(before, after) for before, after in pairs)
-    incomplete = typical > MUCH or (typical > UNEXPLAINED and by_causes < 1.0 - REST)
+    more = typical > UNEXPLAINED or scores.leaves_more(best.fit.held)
+    incomplete = typical > MUCH or (more and by_causes < 1.0 - REST)
     hidden = _hidden(selector, selection)
     if doubts:
         verdict.kind, verdict.reasons = "unknown", doubts
     elif incomplete or hidden:
-        left = f"{typical:.1f} noise floors are left in a typical window"
+        worst = scores.worst_channel(best.fit.held)
+        left = f"{typical:.1f} noise floors are left in a typical window and {worst:.1f} in the worst channel"
         parts = bool(verdict.equivalent) and all(names(f) < names(best.fit) for f in verdict.open[1:])
         # It has to be likelier than all of them together.
         parts &= verdict.probability >= MOST
