@@ -16,7 +16,7 @@ from simgap.data.plant import build_plant, load_spec
 from simgap.effects.base import Context
 from simgap.effects.library import enumerate_effects
 from simgap.inference.decision import Class
-from simgap.inference.model_selection import EVIDENCE_MORE, FURTHER, PREDICTS, earns
+from simgap.inference.model_selection import EVIDENCE_MORE, FURTHER, RELEVANT, earns
 from simgap.inference.nuisance import BOX, enumerate_nuisances
 from simgap.inference.screen import _directions
 from simgap.inference.verdict import shared
@@ -82,9 +82,9 @@ def test_a_first_cause_takes_a_part_of_the_gap_or_most_of_what_is_above_the_floo
 @pytest.mark.parametrize(
     ("low", "without_best", "free", "earned"),
     [
-        (20.0, 30.0, 80.0, False),
-        (20.0, 30.0, 70.0, True),
-        (-5.0, 30.0, 70.0, True),
+        (20.0, 30.0, 92.0, False),
+        (20.0, 30.0, 88.0, True),
+        (-5.0, 30.0, 88.0, True),
         (-5.0, 20.0, 70.0, False),
         (20.0, -9.0, 70.0, True),
     ],
@@ -106,7 +106,7 @@ def test_a_cause_of_which_windows_show_little_must_tell_where_the_robot_goes_and
             free_error=lambda fit: 100.0 if fit is without.fit else free,
         ),
     )
-    assert (EVIDENCE_MORE, PREDICTS) == (16.0, 0.25), "the cases are written for these"
+    assert (EVIDENCE_MORE, RELEVANT) == (16.0, 0.1), "the cases are written for these"
     assert earns(scores, without, with_, looked_at=100) == earned
 
 
