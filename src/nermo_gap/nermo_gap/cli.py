@@ -109,11 +109,12 @@ def diagnose_command(
         fail("a table needs --model MODEL.xml and --map MAP.yaml, or --robot where it is one of the mouse", 2)
     with _refusals():
         from simgap.analysis.options import Options
-        from simgap.effects.library import load_effects
+        from simgap.effects.library import chosen_effects, load_effects
         from simgap.live.watch import watched
 
         writable(out or (None if json_ else Path("diagnosis")), json_)
         extra = tuple(c for path in effects or () for c in load_effects(path))
+        chosen_effects(extra, only or ())
         options = Options(seed, None, extra, {}, baselines, tuple(only or ()), budget=budget)
         with watched(web, web_host, web_port) as live:
             with silence() as terminal, progress("align", terminal) as say:

@@ -48,10 +48,12 @@ def diagnose_files(wanted: Wanted, say: Say | None = None, staged: Callable[[Sta
     from simgap.data.mapping import load_map
     from simgap.data.plant import build_plant, load_spec
     from simgap.data.recording import load_recording
-    from simgap.effects.library import load_effects
+    from simgap.effects.library import chosen_effects, load_effects
     from simgap.preparation.check import check
 
     extra = tuple(c for path in wanted.effects for c in load_effects(path))
+    # A wrong name is told before anything is read.
+    chosen_effects(extra, wanted.only)
     plant = build_plant(load_spec(wanted.model), load_map(wanted.map))
     read = [load_recording(r, plant) for r in wanted.recordings]
     seen = check(read, plant)

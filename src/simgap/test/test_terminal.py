@@ -95,6 +95,8 @@ def test_every_effect_is_listed_with_its_sentence_and_units() -> None:
         (["diagnose", "none.csv", "--model", "{model}", "--map", "none.yaml"], "none.yaml: cannot read the map"),
         (["diagnose", "none.csv", "--model", "{model}", "--map", "{map}"], "none.csv: no such recording"),
         (["diagnose", "{map}", "--model", "{model}", "--map", "{map}"], "a recording is a table"),
+        # Told before anything is read.
+        (["diagnose", "none.csv", "--model", "none.xml", "--map", "none.yaml", "--only", "dely"], "no effect 'dely'"),
     ],
 )
 def test_bad_input_is_one_sentence_and_status_2(words: list[str], message: str, tmp_path: Path) -> None:

@@ -46,8 +46,8 @@ def load_effects(path: str | Path) -> list[type[Effect]]:
     return classes
 
 
-def enumerate_effects(context: Context, extra: Sequence[type[Effect]] = (), only: Sequence[str] = ()) -> list[Effect]:
-    """Every candidate (of the names in ``only``, where given), in a fixed order.
+def chosen_effects(extra: Sequence[type[Effect]] = (), only: Sequence[str] = ()) -> dict[str, type[Effect]]:
+    """The library's effects and a user's by name; those in ``only``, where given.
 
     A user's effect replaces one of the same name.
 
@@ -58,6 +58,14 @@ def enumerate_effects(context: Context, extra: Sequence[type[Effect]] = (), only
     for name in only:
         if name not in classes:
             raise GapInputError(f"no effect {name!r}; {nearest(name, classes, 'effect')}")
-    if only:
-        classes = {n: c for n, c in classes.items() if n in only}
+    return {n: c for n, c in classes.items() if n in only} if only else classes
+
+
+def enumerate_effects(context: Context, extra: Sequence[type[Effect]] = (), only: Sequence[str] = ()) -> list[Effect]:
+    """Every candidate of the `chosen_effects`, in a fixed order.
+
+    Raises:
+        GapInputError: ``only`` holds a name that no effect has.
+    """
+    classes = chosen_effects(extra, only)
     return [effect for name in sorted(classes) for effect in classes[name].candidates(context)]
