@@ -75,8 +75,8 @@ def measure(recording: Recording, model: mujoco.MjModel) -> Result:
     """Deviation of yaw and pitch of the head and of base_link, and the spine's part in it, without the first cycles.
 
     `front_share` is the slope of base_link's yaw over the angle of the whole spine: how much of the spine's bend turns
-    the front torso. `head_yaw_swing_deg` is what swings with the gait: the yaw off its mean over a cycle. A heading that
-    wanders is left alone by the neck.
+    the front torso. `head_yaw_swing_deg` is what swings with the gait: the yaw off its mean over a cycle. The neck
+    leaves a heading that wanders alone.
     """
     recording = recording.part(2.0 / FREQUENCY, float(recording.time[-1]))
     data = mujoco.MjData(model)
