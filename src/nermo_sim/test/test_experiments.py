@@ -275,7 +275,7 @@ def test_the_neck_holds_the_cameras_still(robot: RobotParameters) -> None:
     assert [row["gaze"] for row in (off, spine, imu)] == ["off", "spine", "imu"]
     assert off["head_yaw_sd_deg"] == pytest.approx(off["body_yaw_sd_deg"], rel=0.05)
     assert spine["head_yaw_sd_deg"] < 0.3 * off["head_yaw_sd_deg"]
-    assert imu["head_yaw_swing_deg"] < 0.1 * off["head_yaw_swing_deg"]
+    assert imu["head_yaw_sd_deg"] < 0.1 * off["head_yaw_sd_deg"]
     assert off["front_share"] == pytest.approx(FRONT_SHARE, abs=0.03)
 
 

@@ -75,8 +75,7 @@ def measure(recording: Recording, model: mujoco.MjModel) -> Result:
     """Deviation of yaw and pitch of the head and of base_link, and the spine's part in it, without the first cycles.
 
     `front_share` is the slope of base_link's yaw over the angle of the whole spine: how much of the spine's bend turns
-    the front torso. `head_yaw_swing_deg` is what swings with the gait: the yaw off its mean over a cycle. The neck
-    leaves a heading that wanders alone.
+    the front torso.
     """
     recording = recording.part(2.0 / FREQUENCY, float(recording.time[-1]))
     data = mujoco.MjData(model)
@@ -94,19 +93,12 @@ def measure(recording: Recording, model: mujoco.MjModel) -> Result:
     base_pitch, base_yaw = recording.roll_pitch_yaw[:, 1], np.unwrap(recording.roll_pitch_yaw[:, 2])
     return {
         "head_yaw_sd_deg": _deviation(head_yaw),
-        "head_yaw_swing_deg": _deviation(_swing(head_yaw, recording.time)),
         "head_pitch_sd_deg": _deviation(head_pitch),
         "head_pitch_mean_deg": float(np.degrees(head_pitch.mean())),
         "body_yaw_sd_deg": _deviation(base_yaw),
         "body_pitch_sd_deg": _deviation(base_pitch),
         "front_share": abs(float(np.polyfit(bend, base_yaw, 1)[0])),
     }
-
-
-def _swing(angle: Array, time: Array) -> Array:
-    ticks = round(1.0 / (FREQUENCY * float(time[1] - time[0])))
-    wander = np.convolve(angle, np.full(ticks, 1.0 / ticks), "valid")
-    return angle[ticks // 2 :][: len(wander)] - wander
 
 
 def _deviation(angle: Array) -> float:
