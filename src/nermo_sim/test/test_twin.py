@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from nermo_description.command_follower import Following
-from nermo_description.parameters import RobotParameters
+from nermo_description.parameters import LEGS, RobotParameters
 from nermo_sim.divergence import STATE, SimulationDivergedError, load_dump
 from nermo_sim.layout import ModelError
 from nermo_sim.sensor_data import TYPICAL_NOISE, SensorNoise
@@ -283,14 +283,18 @@ def test_model_without_the_agreed_names_is_refused(robot: RobotParameters) -> No
         Twin(robot, model=mujoco.MjModel.from_xml_string("<mujoco/>"))
 
 
-def test_without_power_its_springs_have_it_until_power_and_a_command_come_back(twin: Twin) -> None:
+def test_without_power_its_springs_have_it_until_power_and_a_command_come_back(
+    twin: Twin, robot: RobotParameters
+) -> None:
     command = held(twin)
     run(twin, 0.5, command)
     standing = twin.base_state().position[2]
     twin.power(False)
     run(twin, 1.0, command)
     assert twin.command_state is Following.LIMP
-    assert twin.base_state().position[2] > 1.2 * standing
+    for leg, knee in zip(LEGS, twin.sensors().knee_encoders, strict=True):
+        dynamics = robot.front_leg_dynamics if leg.startswith("front") else robot.rear_leg_dynamics
+        assert knee == pytest.approx(dynamics.knee.rest, abs=0.1), "its spring has stretched it"
     assert twin.sensors().servo_torques == pytest.approx([0.0] * len(command))
     twin.power(True)
     lying = held(twin)
