@@ -7,9 +7,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 from xml.etree import ElementTree
 
 _NOTHING_COLLECTED = 5
@@ -55,7 +56,10 @@ class Count:
 
 
 def run_all(root: Path, *, quick: bool, pytest_arguments: Sequence[str]) -> int:
-    """Checks style and types, then runs the tests: first in parallel those without ROS, then one by one those with.
+    """Checks style and types, then runs the tests: in parallel those without ROS, one by one those with.
+
+    All of them: both kinds at once, for a graph mostly waits. Some of them: one kind after the other, so that pytest
+    has the terminal to itself.
 
     Args:
         root: The checkout.
@@ -75,15 +79,7 @@ def run_all(root: Path, *, quick: bool, pytest_arguments: Sequence[str]) -> int:
     count = Count()
     collected = False
     with tempfile.TemporaryDirectory(prefix="nermo_test_") as folder:
-        for name, marker, options in (
-            ("tests without ROS, in parallel", "not ros", _PARALLEL),
-            ("tests with a ROS graph, one by one", "ros", []),
-        ):
-            _announce(name)
-            report = Path(folder) / f"{marker.replace(' ', '_')}.xml"
-            markers = f"{marker} and not slow" if quick else marker
-            command = [sys.executable, "-m", "pytest", "-q", "--durations=5", "-m", markers, f"--junitxml={report}"]
-            status = subprocess.run([*command, *options, *pytest_arguments], cwd=root).returncode
+        for status, report in _run_pytest(root, Path(folder), quick, pytest_arguments):
             if status == _USAGE_ERROR:
                 print("nermo: pytest did not understand its arguments.", file=sys.stderr)
                 return 2
@@ -100,6 +96,36 @@ def run_all(root: Path, *, quick: bool, pytest_arguments: Sequence[str]) -> int:
     )
     print(f"{count} in {time.monotonic() - started:.0f} s{verdicts}", flush=True)
     return int(bool(count.failed or count.errors or complaints))
+
+
+def _run_pytest(root: Path, folder: Path, quick: bool, pytest_arguments: Sequence[str]) -> Iterator[tuple[int, Path]]:
+    """Exit status and JUnit report of the tests without ROS, then of those with."""
+
+    def run(marker: str, *options: str, told: IO[bytes] | None = None) -> tuple[subprocess.Popen[bytes], Path]:
+        report = folder / f"{marker.replace(' ', '_')}.xml"
+        markers = f"{marker} and not slow" if quick else marker
+        command = [sys.executable, "-m", "pytest", "-q", "--durations=5", "-m", markers, f"--junitxml={report}"]
+        return subprocess.Popen([*command, *options, *pytest_arguments], cwd=root, stdout=told, stderr=told), report
+
+    kinds = "tests without ROS, in parallel", "tests with a ROS graph, one by one"
+    if pytest_arguments:
+        for what, marker, options in zip(kinds, ("not ros", "ros"), (_PARALLEL, []), strict=True):
+            _announce(what)
+            process, report = run(marker, *options)
+            with process:
+                yield process.wait(), report
+        return
+    with (folder / "ros.txt").open("w+b") as told:
+        graphs, graphs_report = run("ros", told=told)
+        with graphs:
+            _announce(f"{kinds[0]}, and beside them {kinds[1]}")
+            process, report = run("not ros", *_PARALLEL)
+            with process:
+                yield process.wait(), report
+            _announce(kinds[1])
+            status = graphs.wait()
+        print((folder / "ros.txt").read_text(encoding="utf-8", errors="replace"), flush=True)
+        yield status, graphs_report
 
 
 def _announce(text: str) -> None:
