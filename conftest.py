@@ -58,3 +58,5 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if _GRAPH_WORDS & set(item.path.stem.split("_")):
             item.add_marker(pytest.mark.ros)
+    # The long ones first, known by their marks: begun last, one would leave the other workers idle at the end.
+    items.sort(key=lambda item: not any(item.iter_markers("slow")) and not any(item.iter_markers("timeout")))
