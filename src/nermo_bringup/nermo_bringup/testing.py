@@ -19,7 +19,7 @@ CHECKS = {"style": ["ruff", "check"], "format": ["ruff", "format", "--check"], "
 """What is checked before the tests; `.pre-commit-config.yaml` has the same."""
 
 
-_PARALLEL = ["-n", str(len(os.sched_getaffinity(0))), "--dist", "worksteal"]
+_PARALLEL = ("-n", str(len(os.sched_getaffinity(0))), "--dist", "worksteal")
 """Some tests take minutes and most take none: whoever has finished takes over what waits behind another's long one."""
 
 
@@ -101,31 +101,38 @@ def run_all(root: Path, *, quick: bool, pytest_arguments: Sequence[str]) -> int:
 def _run_pytest(root: Path, folder: Path, quick: bool, pytest_arguments: Sequence[str]) -> Iterator[tuple[int, Path]]:
     """Exit status and JUnit report of the tests without ROS, then of those with."""
 
-    def run(marker: str, *options: str, told: IO[bytes] | None = None) -> tuple[subprocess.Popen[bytes], Path]:
+    def run(
+        marker: str, options: Sequence[str] = (), before: Sequence[str] = (), told: IO[bytes] | None = None
+    ) -> tuple[subprocess.Popen[bytes], Path]:
         report = folder / f"{marker.replace(' ', '_')}.xml"
         markers = f"{marker} and not slow" if quick else marker
-        command = [sys.executable, "-m", "pytest", "-q", "--durations=5", "-m", markers, f"--junitxml={report}"]
-        return subprocess.Popen([*command, *options, *pytest_arguments], cwd=root, stdout=told, stderr=told), report
+        command = [*before, sys.executable, "-m", "pytest", "-q", "--durations=5", "-m", markers, *options]
+        command += [f"--junitxml={report}", *pytest_arguments]
+        return subprocess.Popen(command, cwd=root, stdout=told, stderr=told), report
 
-    kinds = "tests without ROS, in parallel", "tests with a ROS graph, one by one"
+    without, graphs = "tests without ROS, in parallel", "tests with a ROS graph, one by one"
     if pytest_arguments:
-        for what, marker, options in zip(kinds, ("not ros", "ros"), (_PARALLEL, []), strict=True):
+        for what, marker, options in ((without, "not ros", _PARALLEL), (graphs, "ros", ())):
             _announce(what)
-            process, report = run(marker, *options)
+            process, report = run(marker, options)
             with process:
                 yield process.wait(), report
         return
-    with (folder / "ros.txt").open("w+b") as told:
-        graphs, graphs_report = run("ros", told=told)
-        with graphs:
-            _announce(f"{kinds[0]}, and beside them {kinds[1]}")
-            process, report = run("not ros", *_PARALLEL)
-            with process:
-                yield process.wait(), report
-            _announce(kinds[1])
-            status = graphs.wait()
-        print((folder / "ros.txt").read_text(encoding="utf-8", errors="replace"), flush=True)
-        yield status, graphs_report
+    output = folder / "ros.txt"
+    with output.open("wb") as told:
+        beside, graphs_report = run("ros", told=told)
+    try:
+        _announce(f"{without}, and beside them {graphs}")
+        # Graphs come first: when they do not wait, some of them have to keep pace with the clock on the wall.
+        process, report = run("not ros", _PARALLEL, before=["nice"])
+        with process:
+            yield process.wait(), report
+        _announce(graphs)
+    finally:
+        # After Ctrl-C too: a test that is ended ends its graph.
+        status = beside.wait()
+    print(output.read_text(encoding="utf-8", errors="replace"), flush=True)
+    yield status, graphs_report
 
 
 def _announce(text: str) -> None:
