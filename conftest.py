@@ -14,6 +14,8 @@ import pytest
 _DOMAINS = range(1, 102)
 # Files with one of these words in their name bring nodes up; their tests run one by one.
 _GRAPH_WORDS = {"demo", "graph", "node", "nodes"}
+# A test that has one of these marks takes long.
+_LONG = ("long", "slow", "timeout")
 _held = None
 
 
@@ -58,3 +60,6 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if _GRAPH_WORDS & set(item.path.stem.split("_")):
             item.add_marker(pytest.mark.ros)
+    # Begun last, a long test would leave the other workers idle. Files stay whole, for what their tests share.
+    long = {item.path for item in items if any(item.get_closest_marker(name) for name in _LONG)}
+    items.sort(key=lambda item: item.path not in long)

@@ -7,9 +7,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 from xml.etree import ElementTree
 
 _NOTHING_COLLECTED = 5
@@ -18,7 +19,7 @@ CHECKS = {"style": ["ruff", "check"], "format": ["ruff", "format", "--check"], "
 """What is checked before the tests; `.pre-commit-config.yaml` has the same."""
 
 
-_PARALLEL = ["-n", str(len(os.sched_getaffinity(0))), "--dist", "worksteal"]
+_PARALLEL = ("-n", str(len(os.sched_getaffinity(0))), "--dist", "worksteal")
 """Some tests take minutes and most take none: whoever has finished takes over what waits behind another's long one."""
 
 
@@ -55,7 +56,10 @@ class Count:
 
 
 def run_all(root: Path, *, quick: bool, pytest_arguments: Sequence[str]) -> int:
-    """Checks style and types, then runs the tests: first in parallel those without ROS, then one by one those with.
+    """Checks style and types, then runs the tests: in parallel those without ROS, one by one those with.
+
+    All of them: both kinds at once, for a graph mostly waits. Some of them: one kind after the other, so that pytest
+    has the terminal to itself.
 
     Args:
         root: The checkout.
@@ -75,15 +79,7 @@ def run_all(root: Path, *, quick: bool, pytest_arguments: Sequence[str]) -> int:
     count = Count()
     collected = False
     with tempfile.TemporaryDirectory(prefix="nermo_test_") as folder:
-        for name, marker, options in (
-            ("tests without ROS, in parallel", "not ros", _PARALLEL),
-            ("tests with a ROS graph, one by one", "ros", []),
-        ):
-            _announce(name)
-            report = Path(folder) / f"{marker.replace(' ', '_')}.xml"
-            markers = f"{marker} and not slow" if quick else marker
-            command = [sys.executable, "-m", "pytest", "-q", "--durations=5", "-m", markers, f"--junitxml={report}"]
-            status = subprocess.run([*command, *options, *pytest_arguments], cwd=root).returncode
+        for status, report in _run_pytest(root, Path(folder), quick, pytest_arguments):
             if status == _USAGE_ERROR:
                 print("nermo: pytest did not understand its arguments.", file=sys.stderr)
                 return 2
@@ -100,6 +96,43 @@ def run_all(root: Path, *, quick: bool, pytest_arguments: Sequence[str]) -> int:
     )
     print(f"{count} in {time.monotonic() - started:.0f} s{verdicts}", flush=True)
     return int(bool(count.failed or count.errors or complaints))
+
+
+def _run_pytest(root: Path, folder: Path, quick: bool, pytest_arguments: Sequence[str]) -> Iterator[tuple[int, Path]]:
+    """Exit status and JUnit report of the tests without ROS, then of those with."""
+
+    def run(
+        marker: str, options: Sequence[str] = (), before: Sequence[str] = (), told: IO[bytes] | None = None
+    ) -> tuple[subprocess.Popen[bytes], Path]:
+        report = folder / f"{marker.replace(' ', '_')}.xml"
+        markers = f"{marker} and not slow" if quick else marker
+        command = [*before, sys.executable, "-m", "pytest", "-q", "--durations=5", "-m", markers, *options]
+        command += [f"--junitxml={report}", *pytest_arguments]
+        return subprocess.Popen(command, cwd=root, stdout=told, stderr=told), report
+
+    without, graphs = "tests without ROS, in parallel", "tests with a ROS graph, one by one"
+    if pytest_arguments:
+        for what, marker, options in ((without, "not ros", _PARALLEL), (graphs, "ros", ())):
+            _announce(what)
+            process, report = run(marker, options)
+            with process:
+                yield process.wait(), report
+        return
+    output = folder / "ros.txt"
+    with output.open("wb") as told:
+        beside, graphs_report = run("ros", told=told)
+    try:
+        _announce(f"{without}, and beside them {graphs}")
+        # Graphs come first: when they do not wait, some of them have to keep pace with the clock on the wall.
+        process, report = run("not ros", _PARALLEL, before=["nice"])
+        with process:
+            yield process.wait(), report
+        _announce(graphs)
+    finally:
+        # After Ctrl-C too: a test that is ended ends its graph.
+        status = beside.wait()
+    print(output.read_text(encoding="utf-8", errors="replace"), flush=True)
+    yield status, graphs_report
 
 
 def _announce(text: str) -> None:

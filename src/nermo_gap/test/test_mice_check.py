@@ -12,7 +12,9 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
+from nermo_control.types import ControlCommand
 from nermo_description.model import build_model
+from nermo_description.parameters import RobotParameters
 from nermo_description.robots import load_robot
 from nermo_gap.blind.mice.check import Case, draw_cases, make
 from nermo_gap.blind.mice.faults import KNOWN, UNKNOWN, Fault, all_servos
@@ -20,8 +22,9 @@ from nermo_gap.blind.mice.mouse import PERIOD, draw
 from nermo_gap.blind.mice.places import sites_of
 from nermo_gap.blind.mice.seal import Answer, judge
 from nermo_gap.cli import gap_app
+from nermo_gap.protocol.pieces import Piece, Protocol, Segment
 from nermo_gap.protocol.play import play
-from nermo_gap.protocol.standard import protocol_of
+from nermo_gap.protocol.standard import PROTOCOLS, protocol_of
 from nermo_gap.robots.diagnosis import robot_plant
 from nermo_gap.robots.simulated import simulate
 from nermo_gap.robots.sites import groups, worth_a_look
@@ -185,10 +188,20 @@ def test_an_answer_is_judged_as_that_of_any_robot() -> None:
     assert not row["top1"] and row["located"]
 
 
+def _three_steps(robot: RobotParameters, markers: bool = False) -> Protocol:
+    """As short as a diagnosis lets it be; what it finds is another matter."""
+    walk = ((0.0, ControlCommand(0, forward_velocity=0.06)),)
+    pieces = tuple(Piece(name, "walk", 1.5, commands=walk, looks=(0.35,)) for name in ("one", "two", "three"))
+    return Protocol("short", (Segment("walking", "floor", "Set the mouse down.", pieces),))
+
+
 @pytest.mark.timeout(900)
-def test_a_mouse_is_recorded_sealed_diagnosed_behind_bars_and_scored(tmp_path: Path) -> None:
+def test_a_mouse_is_recorded_sealed_diagnosed_behind_bars_and_scored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(PROTOCOLS, "short", _three_steps)
     check, sealed, results = tmp_path / "mice", tmp_path / "sealed", tmp_path / "results"
-    manifest = make(check, sealed, 1, 3, protocol="walk", salt="salt")
+    manifest = make(check, sealed, 1, 3, protocol="short", salt="salt")
     (case,) = manifest["cases"]
     truth = json.loads((sealed / f"{case['id']}.json").read_text(encoding="utf-8"))
     told = (check / "manifest.json").read_text(encoding="utf-8")

@@ -5,18 +5,20 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from nermo_control.types import MotionOutput
 from nermo_description.parameters import LEGS
 from nermo_sim.divergence import STATE
 from nermo_sim.sensor_data import SensorData
 from nermo_sim.twin import Twin
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
@@ -121,19 +123,15 @@ class Recording:
     @property
     def position(self) -> Array:
         """(n, 3) [m], of base_link in the world."""
-        return self.root[:, :3] + self._rotation().apply(self.base_in_root[:3])
+        return self.root[:, :3] + _rotation(self.root[:, 3:]).apply(self.base_in_root[:3])
 
     @property
     def roll_pitch_yaw(self) -> Array:
         """(n, 3) [rad], of base_link; yaw without jumps. Positive pitch is nose down (REP-103)."""
-        w, x, y, z = self.base_in_root[3:]
-        yaw_pitch_roll = (self._rotation() * Rotation.from_quat([x, y, z, w])).as_euler("ZYX")
+        yaw_pitch_roll = (_rotation(self.root[:, 3:]) * _rotation(self.base_in_root[3:])).as_euler("ZYX")
         angles = yaw_pitch_roll[:, ::-1].copy()
         angles[:, 2] = np.unwrap(angles[:, 2])
         return angles
-
-    def _rotation(self) -> Rotation:
-        return Rotation.from_quat(self.root[:, [4, 5, 6, 3]])
 
     def part(self, begin: float, end: float) -> Recording:
         """The ticks from `begin` to `end` [s], both counted from the first."""
@@ -154,3 +152,11 @@ class Recording:
             arrays = {name: file[name] for name in file.files}
         about = json.loads(str(arrays.pop("about")))
         return cls(robot=about["robot"], servos=tuple(about["servos"]), **arrays)
+
+
+def _rotation(quaternion: Array) -> Rotation:
+    """Of quaternions (..., 4), scalar first as MuJoCo has them."""
+    # Not above: each simulator node imports this module, and SciPy takes a third of its start.
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_quat(quaternion[..., [1, 2, 3, 0]])

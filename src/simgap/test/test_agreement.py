@@ -14,6 +14,8 @@ from simgap.data.recording import recording_from_table
 
 Array = NDArray[np.float64]
 
+pytestmark = pytest.mark.long
+
 
 def _report(frictions: list[float]) -> dict[str, object]:
     """Of an arm whose elbow rubs so much in one run after the other."""

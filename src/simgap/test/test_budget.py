@@ -41,13 +41,13 @@ def test_the_best_so_far_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     assert any("roughly" in w for w in report["warnings"])
 
 
-@pytest.mark.parametrize("stage", ["fit", "drop", "growth"])
-def test_a_budget_may_end_in_any_stage(stage: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("stage", "seconds"), [("fit", 12.0), ("drop", 12.0), ("growth", 30.0)])
+def test_a_budget_may_end_in_any_stage(stage: str, seconds: float, monkeypatch: pytest.MonkeyPatch) -> None:
     reached: list[str] = []
     monkeypatch.setattr(budget.Budget, "spent", lambda self, share=1.0: stage in reached and share < 1.0)
     watch = budget.Budget.watch
     monkeypatch.setattr(budget.Budget, "watch", lambda self, _: watch(self, lambda name, _: reached.append(name)))
-    plant, table = plant_of("pendulum"), simulate("pendulum", 30.0, change=_own_coulomb)
+    plant, table = plant_of("pendulum"), simulate("pendulum", seconds, change=_own_coulomb)
     report = diagnose([recording_from_table(table, plant)], plant, Options(only=SOME, threads=1, budget=60.0)).report
     assert stage in reached or stage == "drop", "one effect alone is never dropped"
     if stage in reached:
@@ -95,6 +95,7 @@ def _counted(monkeypatch: pytest.MonkeyPatch, seconds: float | None) -> tuple[fl
     return clock[0], report
 
 
+@pytest.mark.long
 def test_no_stage_goes_on_long_after_a_budget(monkeypatch: pytest.MonkeyPatch) -> None:
     """Simulations are what a diagnosis spends its time on: here nothing else counts, so that it comes out the same."""
     whole, _ = _counted(monkeypatch, None)

@@ -358,6 +358,7 @@ def test_ranges_are_in_the_words_of_those_who_train(tmp_path: Path) -> None:
     assert 0.072 <= min(draws) < 0.076 and 0.092 < max(draws) <= 0.096
 
 
+@pytest.mark.long
 def test_the_corrected_model_leaves_nothing_to_find(tmp_path: Path) -> None:
     """From a table over a diagnosis to a corrected model, and back: friction at the elbow, and late servos."""
 

@@ -130,6 +130,7 @@ def test_chance_is_told_from_what_no_effect_explains(
     assert selection.gains[0][1] > 0
 
 
+@pytest.mark.long
 def test_a_push_that_comes_and_goes_is_not_taken_for_a_lossy_link() -> None:
     """A link that loses nine commands of ten would explain it, were three nominal numbers further off than they are."""
     case = realise(draw(44, 52817364)[17])

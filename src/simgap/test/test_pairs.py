@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import functools
 from dataclasses import replace
 
 import mujoco
@@ -38,8 +40,8 @@ def _names(found: Diagnosis) -> set[str]:
 _DRAG = ("coulomb_friction", "viscous_friction", "servo_gain")
 
 
-def _drag_and_friction() -> tuple[Plant, Diagnosis]:
-    """A hinge with both."""
+@functools.cache
+def _diagnosed() -> tuple[Plant, Diagnosis]:
 
     def stick(model: mujoco.MjModel) -> None:
         model.dof_damping[:] += 0.15
@@ -48,6 +50,12 @@ def _drag_and_friction() -> tuple[Plant, Diagnosis]:
     plant, table = plant_of("pendulum"), simulate("pendulum", 12.0, change=stick)
     options = Options(baselines=False, only=_DRAG, threads=1)
     return plant, diagnose([recording_from_table(table, plant)], plant, options)
+
+
+@pytest.fixture
+def drag_and_friction() -> tuple[Plant, Diagnosis]:
+    """Of a hinge with both, as it was before another test went on with it."""
+    return copy.deepcopy(_diagnosed())
 
 
 def test_a_soft_foot_is_not_taken_for_a_sensor_of_height() -> None:
@@ -68,10 +76,12 @@ def test_a_soft_foot_is_not_taken_for_a_sensor_of_height() -> None:
     assert effect["parameters"]["time_factor"]["value"] == pytest.approx(2.0, rel=0.15)
 
 
-def test_a_wrong_first_effect_is_given_up_for_what_was_found_beside_it() -> None:
+def test_a_wrong_first_effect_is_given_up_for_what_was_found_beside_it(
+    drag_and_friction: tuple[Plant, Diagnosis],
+) -> None:
     """Drag and friction of a hinge; begun with a gain, friction was added, and too much is left."""
 
-    _, found = _drag_and_friction()
+    _, found = drag_and_friction
     selector, right = found.selector, found.selection
     kinds = {e.name: e for e in selector.effects}
     wrong = Hypothesis((kinds["servo_gain"], kinds["coulomb_friction"]))
@@ -83,8 +93,8 @@ def test_a_wrong_first_effect_is_given_up_for_what_was_found_beside_it() -> None
     assert better.score < stuck.best.score
 
 
-def test_two_effects_are_found_of_which_none_would_do_alone() -> None:
-    plant, found = _drag_and_friction()
+def test_two_effects_are_found_of_which_none_would_do_alone(drag_and_friction: tuple[Plant, Diagnosis]) -> None:
+    plant, found = drag_and_friction
     selector, right = found.selector, found.selection
     nothing = replace(right, best=right.reference, gains=[])
     both = selector._only_together(nothing, right.screened).best
@@ -96,8 +106,10 @@ def test_two_effects_are_found_of_which_none_would_do_alone() -> None:
     assert clean.selector._only_together(clean.selection, clean.selection.screened).best is clean.selection.reference
 
 
-def test_what_bent_nominal_numbers_hide_is_found_beside_untouched_ones() -> None:
-    _, found = _drag_and_friction()
+def test_what_bent_nominal_numbers_hide_is_found_beside_untouched_ones(
+    drag_and_friction: tuple[Plant, Diagnosis],
+) -> None:
+    _, found = drag_and_friction
     selector, right = found.selector, found.selection
     single = min((s for s in right.singles if "coulomb" in s.key), key=lambda s: s.score)
     bent = replace(single.fit, z=np.full_like(single.fit.z, BOX))
@@ -225,8 +237,10 @@ def test_a_mass_that_lies_aside_comes_before_gravity_that_leans_far() -> None:
     assert "gravity_lean@all" in found.report["equivalent"][0]
 
 
-def test_a_winner_that_ended_in_a_wrong_optimum_is_restarted_out_of_it() -> None:
-    _, found = _drag_and_friction()
+def test_a_winner_that_ended_in_a_wrong_optimum_is_restarted_out_of_it(
+    drag_and_friction: tuple[Plant, Diagnosis],
+) -> None:
+    _, found = drag_and_friction
     selector, right = found.selector, found.selection
     candidates, best = selector.candidates, right.best.fit
     stuck = replace(best, x=best.x * [0.75, 1.0], cost=best.cost + 40.0)

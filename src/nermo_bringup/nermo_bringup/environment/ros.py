@@ -20,8 +20,9 @@ _FOREIGN = (
     "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
 )
 
-DEFAULTS = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
-"""Environment variables where they are not set: what a killed node leaves in shared memory can deafen its successor."""
+DEFAULTS = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "OPENBLAS_NUM_THREADS": "1"}
+"""Environment variables where they are not set: what a killed node leaves in shared memory can deafen its successor,
+and a product of matrices whose threads wait for processors that other nodes have takes a hundred times as long."""
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ def set_up(root: Path, tests: bool = False) -> None:
         environment = python_packages.Environment(venv, root, world)
         packages = workspace.Workspace(root, world, environment.build_stamp())
         prepared = environment.ready_for_tests() if tests else environment.ready()
-        if prepared and not packages.stale() and (venv / _ACTIVATION).exists():
+        if prepared and not packages.stale() and _activation(root, world) == _read(venv / _ACTIVATION):
             return
         if missing := missing_required():
             wanted = "; ".join(f"{package.what} ({finding.detail})" for package, finding in missing)
@@ -53,7 +53,7 @@ def set_up(root: Path, tests: bool = False) -> None:
         if tests and not environment.ready_for_tests():
             environment.add_tests()
         packages.build(environment.python)
-        _write_activation(root, world)
+        (venv / _ACTIVATION).write_text(_activation(root, world), encoding="utf-8")
     say(f"ready after {time.monotonic() - started:.0f} s")
 
 
@@ -71,11 +71,12 @@ def _lock(root: Path) -> Iterator[None]:
         yield
 
 
-def _write_activation(root: Path, world: ros.World) -> None:
-    """Writes `.venv/nermo.bash`, which a shell sources to stand in the environment and the workspace."""
+def _activation(root: Path, world: ros.World) -> str:
+    """What `.venv/nermo.bash` says, which a shell sources to stand in the environment and the workspace."""
     venv = root / ".venv"
     lines = ["# Written by ./nermo. Source it to work in this environment and workspace by hand."]
-    lines += [f"unset {name}" for name in world.variables_to_drop()]
+    # Images of containers like to set it; then each of a dozen nodes compiles all that it imports, at every start.
+    lines += [f"unset {name}" for name in ("PYTHONDONTWRITEBYTECODE", *world.variables_to_drop())]
     lines += [f'export {name}="${{{name}:-{value}}}"' for name, value in ros.DEFAULTS.items()]
     lines += [f"export {name}={shlex.quote(value)}" for name, value in world.variables(venv).items()]
     lines += [
@@ -84,7 +85,11 @@ def _write_activation(root: Path, world: ros.World) -> None:
         f"export NERMO_ROOT={shlex.quote(str(root))}",
         f"source {shlex.quote(str(root / 'install' / 'local_setup.bash'))}",
     ]
-    (venv / _ACTIVATION).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return "\n".join(lines) + "\n"
+
+
+def _read(file: Path) -> str | None:
+    return file.read_text(encoding="utf-8") if file.exists() else None
 
 
 def main(arguments: list[str] | None = None) -> int:
