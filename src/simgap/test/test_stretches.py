@@ -63,6 +63,8 @@ def test_every_stretch_is_predicted_by_the_fit_that_has_not_seen_it(fitted: tupl
     assert Stretches(fitter).error(spoiled) == error
     spoiled.fold_x = 5.0 * true.fold_x
     assert Stretches(fitter).error(spoiled) > 2.0 * error
+    spoiled.fold_x = np.zeros((0, 1))
+    assert np.isnan(Stretches(fitter).error(spoiled)), "nothing is known of one that was never held out"
 
 
 def test_without_its_best_block_a_cause_gains_what_the_others_say(fitted: tuple[Fitter, Scores, Fit, Fit]) -> None:

@@ -40,14 +40,14 @@ class Stretches:
     def error(self, fit: Fit) -> float:
         """Error [noise floors] of a typical stretch in a typical channel: the geometric mean over both.
 
-        NaN where no stretch is held out.
+        NaN where no stretch is held out, or the fit was not cross-validated.
         """
         if id(fit) not in self._known:
             self._known[id(fit)] = fit, self._error(fit)
         return self._known[id(fit)][1]
 
     def _error(self, fit: Fit) -> float:
-        if not len(self._fold):
+        if not len(self._fold) or not len(fit.fold_x):
             return float("nan")
         points = zip(fit.fold_x, fit.fold_z, strict=True)
         variants = [self._fitter.variant(fit.hypothesis, x, z) for x, z in points]
