@@ -290,7 +290,7 @@ def test_without_power_its_springs_have_it_until_power_and_a_command_come_back(
     run(twin, 0.5, command)
     standing = twin.base_state().position[2]
     twin.power(False)
-    run(twin, 1.0, command)
+    run(twin, 2.0, command)
     assert twin.command_state is Following.LIMP
     for leg, knee in zip(LEGS, twin.sensors().knee_encoders, strict=True):
         dynamics = robot.front_leg_dynamics if leg.startswith("front") else robot.rear_leg_dynamics
