@@ -38,7 +38,7 @@ from simgap.data.recording import load_recording, recording_from_table
 from simgap.effects.base import Context
 from simgap.effects.library import enumerate_effects
 from simgap.inference.fit import Fitter
-from simgap.inference.hypothesis import Hypothesis
+from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.residual import Residuals, channel_gap
 from simgap.report.evidence import gather
 from simgap.report.html import write_page
@@ -195,29 +195,49 @@ def test_a_bag_of_the_mouse_reads_alike_through_a_map(tmp_path: Path) -> None:
 # A diagnosis
 
 
-def test_a_weak_knee_is_told_from_its_neighbour_and_its_size_found() -> None:
+STIFF = """
+name: stiff
+base: nermo
+front_leg_dynamics: {knee: {rest: 0.40}}
+rear_leg_dynamics: {knee: {rest: 1.50}}
+"""
+"""Knees so pretensioned that no load of a walk takes them over."""
+
+
+@pytest.mark.parametrize(("knees", "windows", "within"), [("stiff", 6, 0.03), ("own", 12, 0.06)])
+def test_a_weak_knee_is_told_from_its_neighbour_and_its_size_found(
+    knees: str, windows: int, within: float, tmp_path: Path
+) -> None:
+    """Of knees that comply a servo bears less, and tendons that go slack make its size less sure."""
+
     def weak(model: mujoco.MjModel) -> None:
         knee = model.actuator("front_left_knee").id
         model.actuator_gainprm[knee, 0] *= 0.6
         model.actuator_biasprm[knee, 1] *= 0.6
 
-    robot = load_robot("nermo")
+    (tmp_path / "stiff.yaml").write_text(STIFF)
+    robot = load_robot(str(tmp_path / "stiff.yaml") if knees == "stiff" else "nermo")
     columns = simulate(robot, SECONDS, change=weak, seed=2)
     plant = robot_plant(robot, list(columns))
     aligned = align(recording_from_table(columns, plant), plant)
     floor = np.maximum(noise_floor(aligned), [resolution(list(columns)).get(o.name, 0.0) for o in plant.outputs])
-    replayer = Replayer(plant, aligned, cut(aligned, REPORTING_HORIZON, REPORTING_WARM_UP, most=6), floor, 1)
+    replayer = Replayer(plant, aligned, cut(aligned, REPORTING_HORIZON, REPORTING_WARM_UP, most=windows), floor, 1)
     known = nuisances(plant, aligned.outputs.std(axis=0), np.zeros(len(plant.inputs)), aligned.period)
     ages = [n for n in known if n.name.startswith("age")]
     fitter = Fitter(Residuals.build(replayer, Variant.nominal(plant)), ages)
     context = Context(plant, measure_scales(replayer, Variant.nominal(plant)), groups(plant.model))
     gains = {e.site.name: e for e in enumerate_effects(context, (), ("servo_gain",))}
-    own, other = (
-        fitter.fit(Hypothesis((gains[name],)), np.array([0.75]), np.zeros(len(ages)), iterations=3)
-        for name in ("front_left_knee", "front_right_knee")
-    )
+
+    def fitted(knee: str) -> Fit:
+        """From the start that promises most, as the search does."""
+        hypothesis, nominal = Hypothesis((gains[knee],)), np.zeros(len(ages))
+        points = [(np.array(start), nominal) for start in gains[knee].starts()]
+        costs = [fitter.cost(residual, nominal) for residual in fitter.replay(hypothesis, points)]
+        return fitter.fit(hypothesis, *points[int(np.argmin(costs))], iterations=3)
+
+    own, other = fitted("front_left_knee"), fitted("front_right_knee")
     assert own.cost < other.cost - 10.0
-    assert own.x[0] == pytest.approx(0.6, abs=0.03), own.z
+    assert own.x[0] == pytest.approx(0.6, abs=within), own.z
 
 
 @pytest.mark.timeout(900)
