@@ -19,6 +19,7 @@ from simgap.data.align import Aligned, Run
 from simgap.data.plant import Plant
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.stretches import STRETCH
 from simgap.simulation.replay import Replayer
 from simgap.simulation.variant import Variant
 from simgap.simulation.windows import Windows
@@ -34,8 +35,6 @@ LONGEST = 60.0
 _PILOT, _PASSES = 1.0, 4.0
 """[s] of the first run by which it is seen how long a simulation takes, where there is a limit; and how many times the
 models' own runs all takes, with twins and stretches."""
-STRETCH = 0.5
-"""[s] of the stretches into which a run is cut where an error of its start grows without bound."""
 _LOST = 0.2
 """Share of a channel's spread over the recording. A model whose start is off by no more than anybody can measure, and
 whose run differs by more than this from that of its twin, says nothing about the robot any more."""

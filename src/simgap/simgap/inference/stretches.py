@@ -18,8 +18,8 @@ from simgap.simulation.windows import Windows, compared
 Array = NDArray[np.float64]
 
 STRETCH = 0.5
-"""[s] at least, from where a window starts: chaos has not swallowed all by then, nor has the start been all there is.
-As long as the stretches of a free run that is chaotic."""
+"""[s] at least, from where a window starts: chaos has not swallowed all by then, nor has the start been all there is. A
+free run whose start error grows without bound is cut into such stretches too."""
 
 
 class Stretches:
