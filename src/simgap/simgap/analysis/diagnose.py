@@ -214,7 +214,7 @@ def _report(
         "ranking": [
             {"hypothesis": s.key, "score": s.score, "gap": s.gap, "prior": s.fit.prior} for s in selection.singles
         ],
-        "rejected": _rejected(selection),
+        "rejected": _rejected(selection, selector.scores.unit),
         "equivalent": verdict.equivalent,
         "isolability": isolability(selection.screened, [e.key for e in best.fit.hypothesis.effects])
         | {"rivals_deg": verdict.angles, "confusion": confusion(fitter, contenders, options.seed)},
@@ -235,12 +235,12 @@ def _report(
     }
 
 
-def _rejected(selection: Selection) -> dict[str, Any] | None:
+def _rejected(selection: Selection, unit: str) -> dict[str, Any] | None:
     """The best further effect that did not earn its place; None where none was looked for."""
     if selection.rejected is None:
         return None
     names, gain, asked = selection.rejected
-    return {"effects": names.split(" + "), "gap_gain": gain, "asked": asked, "unit": "nats on held-out data"}
+    return {"effects": names.split(" + "), "gap_gain": gain, "asked": asked, "unit": unit}
 
 
 def _probabilities(verdict: Verdict) -> dict[str, float]:
@@ -316,7 +316,7 @@ def _effects(selector: Selector, selection: Selection, longer: LongWindows | Non
             "parameters": parameters,
             "gap_gain": mean,
             "ci90": [low, high],
-            "gap_gain_unit": "nats on held-out data",
+            "gap_gain_unit": selector.scores.unit,
         }
         if effect.form:
             entry["form"] = effect.form

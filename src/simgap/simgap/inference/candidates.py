@@ -52,7 +52,7 @@ _GLIMPSE, _SECOND = 2, 0.3
 """Steps of a fit after which what is proposed is compared, and the share that takes as many more."""
 _LOOSE = 4
 """Nominal numbers that are heard of those that go far where they may."""
-_UNTOUCHED = 3
+_UNTOUCHED = 1
 """Effects that are also tried beside untouched nominal numbers, where those are bent far."""
 MAX_EFFECTS = 3
 MANY_PARAMETERS = 6
@@ -432,6 +432,31 @@ class Candidates:
         """A winner fitted to the end."""
         better = self.scores.scored(self.fitter.polish(scored.fit, rounds=self.effort.rounds))
         return better if better.fit.cost <= scored.fit.cost else scored
+
+    def begun_from(self, scored: Scored, z: Array) -> Scored:
+        """The same effects, fitted anew from another hypothesis's nominal numbers ``z`` where that takes them further.
+
+        Of many numbers, on rough ground, each start has a valley of its own: who is compared begins where the other is.
+        """
+        fit = self.fitter.fit(scored.fit.hypothesis, scored.fit.x, z, roughly=True)
+        if fit.cost > scored.fit.cost + HOPELESS:
+            return scored
+        better = self.scores.scored(self.fitter.polish(fit))
+        return better if better.fit.cost < scored.fit.cost else scored
+
+    def without(self, singles: Sequence[Scored], reference: Scored) -> Scored:
+        """Nominal numbers alone, begun where those beside effects are, if that takes them further.
+
+        They may stop a hundred nats short of what they can explain, and any effect that leads past it seems to earn it.
+        """
+        fitter = self.fitter
+        self.say("finals", 1.0)
+        begun = [fitter.fit(Hypothesis(), np.zeros(0), s.fit.z, roughly=True) for s in singles]
+        fit = min(begun, key=lambda f: f.cost, default=reference.fit)
+        if fit.cost > reference.fit.cost + HOPELESS:
+            return reference
+        better = self.scores.scored(fitter.polish(fit, rounds=self.effort.rounds))
+        return better if better.fit.cost < reference.fit.cost else reference
 
     def restarted(self, scored: Scored) -> Scored:
         """A winner, begun anew from values about its own, one at a time, nominal numbers as they are or untouched."""

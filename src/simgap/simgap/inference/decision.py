@@ -8,6 +8,10 @@ Then p(h) is proportional to exp(-E_h / L), averaged over Bayesian bootstraps of
 Vehtari, Simpson, Gelman 2018), so that what a few windows say is not taken for certain. L is the temperature: no law of
 a library is quite what a robot has, and the wrong one may bend a little better; a share `thresholds.LAW_ERROR` of what
 the weakest effect of the winner earns is counted as one nat, and never less than one.
+
+Of a robot that lands valleys are rough, and where a fold's fit ends is chance (`Scores.chance`). All share their
+nominal numbers, so the cost in sample, which is less a matter of chance, stands for the held-out one, with a nat for
+each parameter that learned of it; and L is never less than what of that is chance.
 """
 
 from __future__ import annotations
@@ -22,7 +26,7 @@ from numpy.typing import NDArray
 
 from simgap.inference.hypothesis import Fit
 from simgap.inference.model_selection import only_larger_group, special_case, surprise
-from simgap.inference.scores import Scored, temperature
+from simgap.inference.scores import Scored, Scores, temperature
 from simgap.inference.thresholds import LAW_ERROR, SPARSITY
 
 Array = NDArray[np.float64]
@@ -65,11 +69,12 @@ class Evidence:
 
     Attributes:
         answers: (nh,) number of the class that a hypothesis belongs to.
-        costs: (nh, nb) held-out cost of each block of windows [nats].
+        costs: (nh, nb) cost of each block of windows, as `Scores.telling` has it [nats].
         prior: (nh,) cost of nominal numbers and parameters [nats].
         kinds: (nh,) cost of the effects' number, kinds and places [nats].
         stated: (nh,) cost of being far from what somebody has stated [nats].
         gain: what the weakest effect of the winner earns [nats].
+        chance: how much of a cost is, of a robot that lands [nats].
     """
 
     answers: NDArray[np.int64]
@@ -78,10 +83,11 @@ class Evidence:
     kinds: Array
     stated: Array
     gain: float
+    chance: float = 0.0
 
     def weights(self, law_error: float = LAW_ERROR, sparsity: float = SPARSITY, seed: int = 0) -> Array:
         """Probability (nh,) of each hypothesis."""
-        heat = temperature(self.gain, law_error)
+        heat = max(temperature(self.gain, law_error), self.chance)
         # What somebody has stated is no law's matter: the temperature leaves it as it is.
         prior = self.prior + sparsity * self.kinds + heat * self.stated
         return probabilities(self.costs, prior, heat, seed)
@@ -95,6 +101,7 @@ class Evidence:
             "kinds": np.round(self.kinds, 3).tolist(),
             "stated": np.round(self.stated, 3).tolist(),
             "gain": float(self.gain),
+            "chance": float(self.chance),
             "unit": "nats",
         }
 
@@ -102,11 +109,18 @@ class Evidence:
     def of(cls, told: dict[str, Any]) -> Evidence:
         """From a report."""
         costs, prior, kinds, stated = (np.array(told[k], float) for k in ("costs", "prior", "kinds", "stated"))
-        return cls(np.array(told["answers"], np.int64), costs, prior, kinds, stated, float(told["gain"]))
+        gain, chance = float(told["gain"]), float(told.get("chance", 0.0))
+        return cls(np.array(told["answers"], np.int64), costs, prior, kinds, stated, gain, chance)
 
 
 def classes(
-    pool: Sequence[Scored], reference: Scored, gain: float, sites: Counter[str], blocks: NDArray[np.int64], seed: int
+    pool: Sequence[Scored],
+    reference: Scored,
+    gain: float,
+    sites: Counter[str],
+    scores: Scores,
+    blocks: NDArray[np.int64],
+    seed: int,
 ) -> tuple[list[Class], Evidence]:
     """Hypotheses of a pool in classes, the likeliest first, and what their probabilities rest on.
 
@@ -115,12 +129,13 @@ def classes(
         reference: nuisances only.
         gain: what the weakest effect of the winner earns [nats].
         sites: at how many sites each kind of effect can act.
+        scores: what tells how well a fit predicts.
         blocks: (nw,) block of each window.
         seed: of the bootstrap.
     """
     fits = list({s.fit.hypothesis.key: s.fit for s in [*reversed(pool), reference, pool[0]]}.values())
     fits = [f for f in fits if (f.likelihood is None) == (pool[0].fit.likelihood is None)]
-    costs = np.array([f.held_cost if f.likelihood is None else f.likelihood for f in fits])
+    costs = np.array([scores.telling(f) for f in fits])
     number = np.array([len(f.hypothesis.effects) for f in fits])
     evidence = Evidence(
         np.zeros(len(fits), np.int64),
@@ -129,6 +144,7 @@ def classes(
         np.array([surprise(f, sites) for f in fits]) + np.log(max(len(sites), 1)) * number,
         np.array([f.hypothesis.implausible(f.x) for f in fits]),
         gain,
+        scores.chance,
     )
     weight = evidence.weights(seed=seed)
     groups: list[list[int]] = []

@@ -68,7 +68,9 @@ class Fitter:
         self.likelihood = Likelihood(self.recorded, np.full(residuals.mask.shape[2], 4.0))
         self.jacobian = np.zeros((len(self.nuisances), *residuals.mask.shape), np.float32)
         self.nominal: Fit | None = None
-        self._lands = bool(colliding(self.base.model)[0])
+        self.lost: list[float] = []
+        """What each cross-validated fit lost [nats] by not having seen a window."""
+        self.lands = bool(colliding(self.base.model)[0])
         middles = (self.windows.start + 0.5 * self.windows.length) * residuals.replayer.aligned.period
         count = min(_STRETCHES, len(middles))
         self._stretch: Ints = (count * np.arange(len(middles), dtype=np.int64)) // len(middles)
@@ -121,7 +123,7 @@ class Fitter:
         select: Ints | None = None,
     ) -> Array:
         """What the residual, known at ``about``, changes on the way to points nearby, (n, nw, ns, nl)."""
-        if not self._lands:
+        if not self.lands:
             return self.replay(hypothesis, points, select) - residual
         base, *moved = self.replay(hypothesis, [about, *points], select, soft=True)
         return np.array(moved) - base
@@ -421,17 +423,22 @@ class Fitter:
             points.append(tried[best])
             trained.append(own[best])
         fit.held_cost = self.likelihood.held_out(np.nan_to_num(fit.held), fold, np.array(trained))
+        self.lost.append(float(np.nansum(fit.held_cost) - self.seen(fit)[fold >= 0].sum()))
         fit.fold_x = np.array([x for x, _ in points]).reshape(len(points), len(fit.x))
         fit.fold_z = np.array([z for _, z in points]).reshape(len(points), len(fit.z))
         fit.covariance = self.covariance(fit)
         return fit
 
+    def seen(self, fit: Fit) -> Array:
+        """Minus the log density (nw,) of each window under a fit that has seen it, and its own scales."""
+        square = self.mean_square(fit.residual)
+        costs: Array = self.likelihood.costs(square, self.likelihood.scale(square)).sum(axis=-1)
+        return costs
+
     def score_in_sample(self, fit: Fit) -> None:
         """Put what a fit leaves in sample in the place of held-out scores, of one that loses anyhow."""
-        square = self.mean_square(fit.residual)
-        held = self.windows.fold >= 0
-        costs = self.likelihood.costs(square, self.likelihood.scale(square)).sum(axis=-1)
-        fit.held, fit.held_cost = np.where(held[:, None], square, np.nan), np.where(held, costs, np.nan)
+        square, held = self.mean_square(fit.residual), self.windows.fold >= 0
+        fit.held, fit.held_cost = np.where(held[:, None], square, np.nan), np.where(held, self.seen(fit), np.nan)
 
     def covariance(self, fit: Fit, thorough: bool = False) -> Array:
         """Covariance (nx, nx) of the effects' parameters about the truth, with nuisances drawn from their prior.

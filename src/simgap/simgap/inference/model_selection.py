@@ -35,6 +35,8 @@ FURTHER = 0.1
 probability of 0.9 (`thresholds.LAW_ERROR`). Real robots have several causes, and no law that leaves little."""
 _OUT = 3.0
 """Unless it takes so many times what any other effect takes in its place: the misfit of a law has no such favourite."""
+BEST_OF_SEVERAL = 3.4
+"""Standard deviations by which the best of ten that differ by chance is in front of an eleventh one time in twenty."""
 TIE = 0.5
 """[nats] Closer than this, two hypotheses predict the same."""
 CLOSE, LEAD = 3.0, 0.1
@@ -202,7 +204,7 @@ def earns(
         relevant = any(after < (1.0 - RELEVANT) * before for before, after in shares) or strain > EVIDENCE
         relevant |= any(after - 1.0 < (1.0 - MOST) * (before - 1.0) for before, after in shares if before > 1.0)
     several, price = bool(without.fit.hypothesis.effects), float(np.log(max(looked_at, 1)))
-    if gain <= (EVIDENCE_MORE if several else EVIDENCE) + price:
+    if gain <= max((EVIDENCE_MORE if several else EVIDENCE) + price, BEST_OF_SEVERAL * scores.chance):
         return False
     # What shows in two pieces of a recording only is left out by many draws of blocks, but no accident of one of them.
     if low <= 0.0 and scores.without_best(without.fit, with_.fit) <= EVIDENCE_MORE + price:

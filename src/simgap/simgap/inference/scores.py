@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import median_abs_deviation
 
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit
@@ -18,6 +19,10 @@ Array = NDArray[np.float64]
 BOOTSTRAPS = 400
 DIFFERENT, _FEW = 0.5, 2
 """[nats] by which two hypotheses differ in a block, at least; blocks that are needed for an interval."""
+_SCATTER = 4
+"""Fits whose scatter is a measure of chance."""
+_OF_A_MINIMUM = 0.5
+"""How far the least of some twenty values scatters that do so by one."""
 PER_PARAMETER = 1.0
 """Price of a parameter [nats], beyond what held-out scoring takes by itself."""
 
@@ -109,6 +114,37 @@ class Scores:
             self._stretches = Stretches(self._fitter)
         return self._stretches.error(fit)
 
+    def telling(self, fit: Fit) -> Array:
+        """What each window (nw,) speaks against a fit [nats], NaN where it was never held out.
+
+        Its held-out cost; where that is rough, the one in sample, at a price for each parameter that learned of it.
+        """
+        if fit.likelihood is not None:
+            return fit.likelihood
+        if self.chance == 0.0:
+            return fit.held_cost
+        held = self.draws[0] > 0
+        found: Array = np.where(held, self._fitter.seen(fit) + fit.hypothesis.size / held.sum(), np.nan)
+        return found
+
+    @property
+    def unit(self) -> str:
+        """Of what one hypothesis gains over another, in words."""
+        return "nats in sample, less one for each parameter" if self.chance else "nats on held-out data"
+
+    @property
+    def chance(self) -> float:
+        """Standard deviation [nats] of a cost in sample, of a robot that lands: where a fit ends on rough ground.
+
+        What a fit loses by not having seen a window differs by a nat or two a parameter, for all share their nominal
+        numbers. Landings make valleys rough, and the rest of the scatter is where a fold's step ended. In sample a fit
+        ends in the least of the points that it tried. Of robots that touch nothing all of it is a law's fault.
+        """
+        lost = self._fitter.lost
+        if not self._fitter.lands or len(lost) < _SCATTER:
+            return 0.0
+        return _OF_A_MINIMUM * float(median_abs_deviation(lost, scale="normal"))
+
     def _by_block(self, gains: Array) -> Array:
         """Sums of what held-out windows (nw,) gain, by block."""
         return np.asarray(np.bincount(self._fitter.windows.block, gains * self.draws[0]), np.float64)
@@ -131,16 +167,20 @@ class Scores:
             return self.gain(worse.likelihood, better.likelihood)
         price = PER_PARAMETER * (better.hypothesis.size - worse.hypothesis.size)
         price += self.known(better) - self.known(worse)
-        before, after = np.nan_to_num(worse.held_cost), np.nan_to_num(better.held_cost)
-        return self.gain(before, after, worse.prior - better.prior - price)
+        return self.gain(*self._compared(worse, better), worse.prior - better.prior - price)
 
     def without_best(self, worse: Fit, better: Fit) -> float:
         """What ``better`` gains over ``worse`` [nats] where the block in which it gains most had not been recorded."""
-        of_chance = worse.likelihood is not None and better.likelihood is not None
-        before, after = ((f.likelihood if of_chance else np.nan_to_num(f.held_cost)) for f in (worse, better))
-        assert before is not None and after is not None
-        units = self._by_block(before - after)
-        return self.difference(worse, better)[0] - float(units.max(initial=0.0))
+        before, after = self._compared(worse, better)
+        return self.difference(worse, better)[0] - float(self._by_block(before - after).max(initial=0.0))
+
+    def _compared(self, worse: Fit, better: Fit) -> tuple[Array, Array]:
+        """Costs (nw,) of two fits by one measure: `telling`, or where only one is of chance, both held out."""
+        if (worse.likelihood is None) == (better.likelihood is None):
+            costs = [self.telling(f) for f in (worse, better)]
+        else:
+            costs = [f.held_cost for f in (worse, better)]
+        return np.nan_to_num(costs[0]), np.nan_to_num(costs[1])
 
     def gain(self, worse: Array, better: Array, beside: float = 0.0) -> tuple[float, float, float]:
         """(mean, 5 %, 95 %) of the difference of costs (nw,) of windows, and what is gained ``beside`` it.

@@ -48,6 +48,10 @@ further effect is looked for."""
 
 _FAR_BEHIND = 5.0
 """Times what a further effect must earn [nats] by which, in sample, a set without one of its effects is hopeless."""
+_EXCHANGED = 3
+"""Of what cannot be told apart, so many begin from the same nominal numbers."""
+_BY_CHANCE = 2.0 * math.sqrt(2.0)
+"""Standard deviations of a cost: two of a difference."""
 _BEHIND = 0.9
 """Share of what the causes earn that single parts speak for together: of a single effect that earns less, no search
 begins. Where the truth is one effect, it earns about all of it."""
@@ -225,6 +229,8 @@ class Selector:
         singles, reference = self.candidates.finals(
             singles, reference, screened[:FAVOURITES], [begun.best.fit] if begun else []
         )
+        if self._effort.twice and singles and singles[0].score < reference.score:
+            reference = self.candidates.without(singles[:_EXCHANGED], reference)
         gap = self._nominal_gap()
         result = replace(self._found, reference=reference, nominal_gap=gap, best=reference, singles=singles)
         self._found = replace(result)
@@ -235,9 +241,16 @@ class Selector:
             self._keep(begun)
             gain = self.scores.difference(reference.fit, winner.fit)
             return replace(result, best=winner, rivals=singles, gains=[gain])
-        if winner is not None and earns(self.scores, reference, winner, len(self.effects)):
+        if winner is not None and self._promises(reference, winner):
             singles, winner = self._followed(singles, winner, reference)
             winner = self._restarted(winner)
+            if self._effort.twice:
+                reference = self.candidates.without([winner], reference)
+                result = self._found = replace(result, reference=reference, best=reference, singles=singles)
+                winner = winner if earns(self.scores, reference, winner, len(self.effects)) else None
+        else:
+            winner = None
+        if winner is not None:
             result = self._found = self._forward(result, singles, winner, screened)
             overtaken = begun is not None and self._better(begun, result)
             if self.scores.typical(result.best.fit.held) > ENOUGH and not overtaken:
@@ -249,6 +262,12 @@ class Selector:
             if result.best is reference and self.scores.typical(reference.fit.held) > UNEXPLAINED:
                 result = self._only_together(result, screened)
         return result
+
+    def _promises(self, reference: Scored, first: Scored) -> bool:
+        """Whether a first effect is worth a fit to the end: where ends are a matter of chance, before it is judged."""
+        if self._effort.twice:
+            return reference.score - first.score > EVIDENCE + math.log(len(self.effects))
+        return earns(self.scores, reference, first, len(self.effects))
 
     @staticmethod
     def _outdone(winner: Scored, begun: Selection, reference: Scored) -> bool:
@@ -384,7 +403,9 @@ class Selector:
             fit = self.fitter.fit(Hypothesis(tuple(effects)), np.insert(base.fit.x, at, 0.0), base.fit.z)
             grown = self.scores.scored(self.fitter.cross_validate(fit))
             gain, low, _ = self.scores.difference(base.fit, grown.fit)
-            if gain > EVIDENCE and low > 0.0:
+            # What it has not seen it cannot foresee better than what it has; the rest is chance, as much as that shows.
+            gain = min(gain, base.fit.cost - grown.fit.cost)
+            if gain > EVIDENCE + _BY_CHANCE * self.scores.chance and low > 0.0:
                 result.best = self.candidates.to_the_end(grown)
 
     def _followed(self, scored: list[Scored], winner: Scored, without: Scored) -> tuple[list[Scored], Scored]:
@@ -394,6 +415,14 @@ class Selector:
         again = sorted(
             (self.candidates.to_the_end(s) if t else s for s, t in zip(scored, tied, strict=True)), key=by_score
         )
+        if self._effort.twice:
+            close = again[0].score + indistinct(without.score - again[0].score)
+            ends = [s.score < close for s in again[:_EXCHANGED]]
+            first, *others = again[: len(ends)]
+            others = [
+                self.candidates.begun_from(s, first.fit.z) if e else s for s, e in zip(others, ends[1:], strict=True)
+            ]
+            again = sorted([first, *others, *again[len(ends) :]], key=by_score)
         chosen = simplest(self.scores, again, without, self._sites)
         assert chosen is not None
         return again, chosen

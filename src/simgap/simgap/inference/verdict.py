@@ -68,7 +68,7 @@ def judge(selector: Selector, selection: Selection) -> Verdict:
     gain = min((g for g, _, _ in selection.gains), default=0.0)
     blocks = selector.fitter.windows.block
     pool = [best, *selection.rivals, *selection.singles]
-    found, evidence = classes(pool, reference, gain, places(selector.effects), blocks, selector.seed)
+    found, evidence = classes(pool, reference, gain, places(selector.effects), scores, blocks, selector.seed)
     verdict = Verdict("no_gap", best, classes=found, evidence=evidence)
     verdict.probability = sum(c.probability for c in found if c.holds(names(best.fit)))
     verdict.explained = max(
@@ -176,7 +176,7 @@ def _with_effects(verdict: Verdict, selector: Selector, selection: Selection) ->
     else:
         gain, low, high = selection.gains[-1]
         verdict.reasons.append(
-            f"{best.key} gains {gain:.0f} nats on held-out data (90 %: {low:.0f} to {high:.0f}); its probability among "
+            f"{best.key} gains {gain:.0f} {scores.unit} (90 %: {low:.0f} to {high:.0f}); its probability among "
             f"all that was tried is {verdict.probability:.2f}"
         )
     if verdict.kind != "effect" and not verdict.open:
