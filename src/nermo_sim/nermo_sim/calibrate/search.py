@@ -16,7 +16,7 @@ from scipy.stats import qmc
 
 from nermo_description.parameters import RobotParameters
 from nermo_sim.calibrate.numbers import NUMBERS, Array, point_of, values_of, variant
-from nermo_sim.calibrate.trials import Trial, all_cases, cheap_cases, claims_of, cost, misses, relevant, tables
+from nermo_sim.calibrate.trials import Trial, all_cases, cheap_cases, claims_of, cost, misses, tables
 from nermo_sim.experiments.lookup import Row
 from nermo_sim.experiments.runs import Settings
 from nermo_sim.optimize.rollouts import Rollouts
@@ -83,7 +83,7 @@ class Calibration:
 
     def run(self, budget: Budget) -> Found:
         """The whole of it. Raises ValueError where the robot as it is answers no claim of the fitted half."""
-        cheap = replace(self._settings, distance=budget.distance, repeats=1)
+        cheap = replace(self._settings, distance=budget.distance, repeats=1, quick=True)  # half a maze
         start = point_of(self._robot)
         baseline = self._baseline(cheap, start)
         per_point = len(self._cases)
@@ -99,14 +99,13 @@ class Calibration:
         return Found(values, self._wanted, best, baseline, self._tried, before, judge(values), self._history)
 
     def _baseline(self, settings: Settings, start: Array) -> Candidate:
-        """Runs all cheap cases once, and finds those which the fitted claims depend on."""
-        cases = cheap_cases()
-        self._plan(len(cases))
-        facts = self._facts(cases, [settings])[0]
+        """Runs the cheap cases with the robot as it is, which says what it can be asked."""
+        self._cases = cheap_cases()
+        self._plan(len(self._cases))
+        facts = self._facts(self._cases, [settings])[0]
         self._wanted = [row["claim"] for row in claims_of(facts) if row["half"] == "fitted"]
         if not self._wanted:
             raise ValueError("the robot as it is answers no claim of the fitted half")
-        self._cases = relevant(cases, facts, self._wanted)
         found = misses(claims_of(facts))
         candidate = Candidate(start, found, cost(found, self._wanted))
         self._tried.append(candidate)
