@@ -7,10 +7,12 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from rows_of_ones import rows_of_ones
 
 from nermo_description.parameters import RobotParameters
 from nermo_description.robots import load_robot
@@ -18,7 +20,21 @@ from nermo_sim.calibrate.command import before_and_after
 from nermo_sim.calibrate.determined import determined
 from nermo_sim.calibrate.numbers import NUMBERS, differences, values_of, variant
 from nermo_sim.calibrate.search import Candidate, Found
-from nermo_sim.calibrate.trials import WORDS_MISSED, WORST, cost, miss, relevant
+from nermo_sim.calibrate.trials import (
+    WORDS_MISSED,
+    WORST,
+    Trial,
+    all_cases,
+    cheap_cases,
+    claims_of,
+    cost,
+    miss,
+    run,
+    tables,
+)
+from nermo_sim.disturbance import NO_DISTURBANCE
+from nermo_sim.experiments import maze, turning
+from nermo_sim.experiments.runs import Settings
 
 FIRST, SECOND = NUMBERS[0].name, NUMBERS[1].name
 
@@ -107,19 +123,53 @@ def test_two_numbers_that_do_the_same_are_confounded() -> None:
     assert rows[FIRST]["share_of_bounds"] > 0.5
 
 
-def test_only_cases_that_a_wanted_claim_depends_on_are_kept() -> None:
-    from dataclasses import asdict
+def test_the_search_is_asked_every_claim_of_the_fitted_half() -> None:
+    """Of rows of ones, which have a value for every claim."""
 
-    from nermo_sim.experiments.straight_line import Case
+    def fitted(cases: list[tuple[str, Any]]) -> set[str]:
+        return {each["claim"] for each in claims_of(rows_of_ones(cases)) if each["half"] == "fitted"}
 
-    noise = {f"{a}_{k}_deg": 1.0 for a in ("roll", "pitch", "yaw") for k in ("mean", "sd", "amplitude")}
-    cases = [("straight-line", Case("trot", f, 0.06)) for f in (0.67, 0.8)]
-    rows = [
-        {**asdict(case), **noise, "speed_m_s": 0.08, "theory_m_s": 0.09, "losses": None, "cycles": None}
-        for _, case in cases
-    ]
-    facts = {"straight-line": {"rows": rows}, **{name: {"rows": []} for name in ("turning", "balance", "maze")}}
-    assert relevant(cases, facts, ["speed of the trot at 0.8 Hz, no spine [m/s]"]) == cases[1:]
+    assert fitted(cheap_cases()) == fitted(all_cases())
+
+
+def test_every_arc_and_every_lock_of_the_search_can_break_the_claim_about_all_of_them() -> None:
+    cases = cheap_cases()
+    facts = rows_of_ones(cases)
+    for each in facts["turning"]["rows"]:
+        each |= {"time_s": 1.0 / each["frequency_hz"] + ("spine", "mix", "leg").index(each["strategy"])}
+        each |= {"radius_m": float(("mix", "leg", "spine").index(each["strategy"]))}
+        each["followed"] = (each["gait"], each["strategy"], each["path_radius_m"]) != ("lateral_walk", "spine", 0.5)
+    about_all = (
+        "the only failed arc is spine, lateral walk, 0.8 Hz, 0.5 m",
+        "spine turning fastest, then mix, then leg, on every arc that is followed",
+        "turning is faster at a higher frequency",
+        "mix turns most tightly and the spine least, in every gait and at every frequency",
+    )
+
+    def held() -> list[bool]:
+        found = {each["claim"]: each["within"] for each in claims_of(facts)}
+        return [found[claim] for claim in about_all]
+
+    assert held() == [True] * 4
+    for each in facts["turning"]["rows"]:
+        if (each["gait"], each["frequency_hz"], each["path_radius_m"]) == ("lateral_walk", 0.5, turning.FULL_LOCK):
+            continue  # it is asked for its own radius
+        was = dict(each)
+        each |= {"time_s": 10.0, "radius_m": 10.0 if each["strategy"] != "spine" else -1.0}
+        each["followed"] = not was["followed"]
+        assert held() != [True] * 4, was
+        each |= was
+
+
+def test_half_a_maze_takes_the_time_of_the_whole_at_its_speed() -> None:
+    settings = Settings(repeats=1, disturbance=NO_DISTURBANCE, tail="rigid", quick=True)
+    case = maze.Case(spine=True)
+    result = run(Trial("maze", case, settings))
+    facts = tables([("maze", case), ("maze", maze.Case(spine=False))], settings, [[result], [result]])
+    found = {each["claim"]: each["ours"] for each in claims_of(facts)}
+    whole = maze.maze_path((0.0, 0.0, 0.0)).length
+    assert found["maze time, spine [s]"] * found["maze speed, spine [m/s]"] == pytest.approx(whole)
+    assert found["maze: share of time that the spine saves [1]"] == 0.0
 
 
 KILLED = """

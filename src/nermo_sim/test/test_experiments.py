@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -16,6 +16,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from rows_of_ones import rows_of_ones
 
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.head import FRONT_SHARE
@@ -24,6 +25,7 @@ from nermo_control.types import ControlCommand, SpineModes, TrajectoryMode
 from nermo_description.model import build_model
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_sim.calibrate.numbers import variant
+from nermo_sim.calibrate.trials import all_cases
 from nermo_sim.experiments import balance, gaze, maze, straight_line, turning
 from nermo_sim.experiments.claims import Claims, comparison, score, summary
 from nermo_sim.experiments.claims.halves import CHECKED, FITTED, draw
@@ -320,22 +322,7 @@ def test_a_topic_that_was_never_drawn_belongs_to_no_half() -> None:
 
 def test_the_halves_are_those_that_the_seed_gives() -> None:
     """Of rows of ones, which have a value for every claim."""
-    noise = {f"{a}_{k}_deg": 1.0 for a in ("roll", "pitch", "yaw") for k in ("mean", "sd", "amplitude")}
-    lost = {f"{name}_m_s": 1.0 for name in ("slip", "pitch", "yaw", "contact", "legs", "reached", "theory")}
-    walked = {"speed_m_s": 1.0, "theory_m_s": 1.0, "losses": lost, "cycles": {"spine": [1, 2, 3], "yaw": [1, 3, 2]}}
-    turned = {"radius_m": 1.0, "time_s": 1.0, "theory_radius_m": 1.0, "followed": True}
-    stood = {"passed": True, "thesis_passed": True, "pitch_deg": 1.0, "ground_impact_s": 1.0}
-    forces = {"four_feet_forces_n": [1.0] * 4, "foot_forces_n": [1.0] * 4}
-    paced = {"finished": True, "time_s": 1.0, "thesis_time_s": 1.0, "speed_m_s": 1.0}
-    facts = {
-        "straight-line": {"rows": [{**asdict(case), **walked, **noise} for case in straight_line.cases()]},
-        "turning": {"rows": [{**asdict(case), **turned} for case in turning.cases()]},
-        "balance": {"rows": [{**asdict(case), **stood, **forces} for case in balance.cases()]},
-        "maze": {"rows": [{"spine": on, **paced, **noise} for on in (False, True)]},
-    }
-    # Speeds that are all alike have no correlation.
-    for number, row in enumerate(facts["straight-line"]["rows"]):
-        row["speed_m_s"] += number
+    facts = rows_of_ones(all_cases())
     topics = Counter(row["topic"] for row in summary(facts) if row["kind"] == "twin")
     halves = draw(topics)
     assert (set(halves["fitted"]), set(halves["checked"])) == (FITTED, CHECKED)

@@ -15,8 +15,8 @@ from pydantic import ValidationError
 from scipy.stats import qmc
 
 from nermo_description.parameters import RobotParameters
-from nermo_sim.calibrate.numbers import NUMBERS, Array, point_of, values_of, variant
-from nermo_sim.calibrate.trials import Trial, all_cases, cheap_cases, claims_of, cost, misses, relevant, tables
+from nermo_sim.calibrate.numbers import NUMBERS, Array, point_of, variant
+from nermo_sim.calibrate.trials import Trial, all_cases, cheap_cases, claims_of, cost, misses, tables
 from nermo_sim.experiments.lookup import Row
 from nermo_sim.experiments.runs import Settings
 from nermo_sim.optimize.rollouts import Rollouts
@@ -83,7 +83,7 @@ class Calibration:
 
     def run(self, budget: Budget) -> Found:
         """The whole of it. Raises ValueError where the robot as it is answers no claim of the fitted half."""
-        cheap = replace(self._settings, distance=budget.distance, repeats=1)
+        cheap = replace(self._settings, distance=budget.distance, repeats=1, quick=True)  # half a maze
         start = point_of(self._robot)
         baseline = self._baseline(cheap, start)
         per_point = len(self._cases)
@@ -93,20 +93,20 @@ class Calibration:
         self._evaluate(design, cheap)
         self._minimise(budget, cheap)
         best = min(self._tried, key=lambda one: one.cost)
-        judge = self._judge if budget.judged else lambda values: self._rows(cheap, values)
         values = _values(best.point)
-        before = judge(values_of(self._robot))
-        return Found(values, self._wanted, best, baseline, self._tried, before, judge(values), self._history)
+        cases, settings = (all_cases(), self._settings) if budget.judged else (self._cases, cheap)
+        before = self._rows(cases, settings)
+        after = self._rows(cases, replace(settings, variant=variant(self._robot, values)))
+        return Found(values, self._wanted, best, baseline, self._tried, before, after, self._history)
 
     def _baseline(self, settings: Settings, start: Array) -> Candidate:
-        """Runs all cheap cases once, and finds those which the fitted claims depend on."""
-        cases = cheap_cases()
-        self._plan(len(cases))
-        facts = self._facts(cases, [settings])[0]
+        """Runs the cheap cases with the robot as it is, which says what it can be asked."""
+        self._cases = cheap_cases()
+        self._plan(len(self._cases))
+        facts = self._facts(self._cases, [settings])[0]
         self._wanted = [row["claim"] for row in claims_of(facts) if row["half"] == "fitted"]
         if not self._wanted:
             raise ValueError("the robot as it is answers no claim of the fitted half")
-        self._cases = relevant(cases, facts, self._wanted)
         found = misses(claims_of(facts))
         candidate = Candidate(start, found, cost(found, self._wanted))
         self._tried.append(candidate)
@@ -157,14 +157,8 @@ class Calibration:
         # What pymoo counts as the first generation is the start alone.
         minimise(algorithm, costs, len(NUMBERS), 1, budget.generations + 1, self._settings.seed)
 
-    def _rows(self, settings: Settings, values: dict[str, float]) -> list[Row]:
-        changed = replace(settings, variant=variant(self._robot, values))
-        return claims_of(self._facts(self._cases, [changed])[0])
-
-    def _judge(self, values: dict[str, float]) -> list[Row]:
-        """All claims of both halves, from all cases of the experiments at their full length."""
-        changed = replace(self._settings, variant=variant(self._robot, values))
-        return claims_of(self._facts(all_cases(), [changed])[0])
+    def _rows(self, cases: Sequence[tuple[str, Any]], settings: Settings) -> list[Row]:
+        return claims_of(self._facts(cases, [settings])[0])
 
 
 def _values(point: Array) -> dict[str, float]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from nermo_sim.divergence import SimulationDivergedError
-from nermo_sim.experiments import balance, straight_line, turning
+from nermo_sim.experiments import balance, maze, straight_line, turning
 from nermo_sim.experiments.claims import summary
 from nermo_sim.experiments.lookup import Row
 from nermo_sim.experiments.result_log import fingerprint
@@ -38,11 +38,17 @@ class Trial:
 
 
 def run(trial: Trial) -> dict[str, Any]:
-    """A simulation that runs away, or a mouse that takes no whole step, is a result."""
+    """A simulation that runs away, or a mouse that takes no whole step, is a result.
+
+    A quick maze is half of one; its time is that of the whole at the same speed.
+    """
     try:
-        return dict(EXPERIMENTS[trial.experiment].run(Job(trial.case, trial.repeat, trial.settings)))
+        result = dict(EXPERIMENTS[trial.experiment].run(Job(trial.case, trial.repeat, trial.settings)))
     except (SimulationDivergedError, ValueError) as error:
         return {"failed": str(error)}
+    if trial.experiment == "maze" and trial.settings.quick and result["finished"]:
+        result["time_s"] = maze.maze_path((0.0, 0.0, 0.0)).length / result["speed_m_s"]
+    return result
 
 
 def all_cases() -> list[tuple[str, Any]]:
@@ -51,26 +57,34 @@ def all_cases() -> list[tuple[str, Any]]:
 
 
 def cheap_cases() -> list[tuple[str, Any]]:
-    """Those of the search: walks, lifts and full locks that the numbers of N ask for; no arcs and no maze."""
+    """Those of the search: of each experiment what the fitted half asks for, so that every claim of it has an answer.
+
+    Whole are walks, lifts and maze. A claim about all arcs or all full locks is asked of those here. The arc of N table
+    6.4, the trot's at 0.67 Hz, is not among them: its times are in the checked half.
+    """
     locks = (
-        ("trot", 0.67, "leg"),
-        ("trot", 0.67, "mix"),
-        ("trot", 0.5, "mix"),
-        ("trot", 0.5, "spine"),
-        ("lateral_walk", 0.5, "spine"),
-        ("lateral_walk", 0.8, "mix"),
-        ("lateral_walk", 0.8, "spine"),
+        *(("trot", 0.5, strategy, turning.FULL_LOCK) for strategy in turning.STRATEGIES),
+        *(("lateral_walk", 0.8, strategy, turning.FULL_LOCK) for strategy in turning.STRATEGIES),
+        ("lateral_walk", 0.5, "spine", turning.FULL_LOCK),
     )
-    walks = [("straight-line", case) for case in straight_line.cases()]
-    lifts = [("balance", case) for case in balance.cases()]
-    return [*walks, *lifts, *(("turning", turning.Case(*lock, turning.FULL_LOCK)) for lock in locks)]  # type: ignore[arg-type]
+    arcs = (
+        *(("trot", frequency, strategy, 0.5) for frequency in (0.5, 0.8) for strategy in turning.STRATEGIES),
+        ("lateral_walk", 0.8, "spine", 0.5),
+    )
+    cases = {
+        "straight-line": straight_line.cases(),
+        "turning": [turning.Case(*each) for each in (*locks, *arcs)],  # type: ignore[arg-type]
+        "balance": balance.cases(),
+        "maze": maze.cases(),
+    }
+    return [(name, case) for name, each in cases.items() for case in each]
 
 
 def tables(
     cases: Sequence[tuple[str, Any]], settings: Settings, results: Sequence[Sequence[dict[str, Any]]]
 ) -> dict[str, Any]:
     """The tables of the experiments, by name; a case of which a run failed is left out."""
-    robot = settings.mouse
+    robot, settings = settings.mouse, replace(settings, quick=False)  # as beside N's numbers
     facts: dict[str, Any] = {name: {"rows": []} for name in EXPERIMENTS}
     for (name, case), runs in zip(cases, results, strict=True):
         if not any("failed" in one for one in runs):
@@ -101,16 +115,3 @@ def misses(rows: Iterable[Row]) -> dict[str, float]:
 def cost(found: Mapping[str, float], wanted: Sequence[str]) -> float:
     """Mean square of the misses of the wanted claims; one that cannot be answered any more counts as worst."""
     return sum(found.get(claim, WORST) ** 2 for claim in wanted) / len(wanted)
-
-
-def relevant(cases: Sequence[tuple[str, Any]], facts: dict[str, Any], wanted: Sequence[str]) -> list[tuple[str, Any]]:
-    """The cases without which one of the wanted claims would be missed by more or less, or could not be answered."""
-    whole = misses(claims_of(facts))
-    kept = []
-    for name, case in cases:
-        own = asdict(case)
-        left = [row for row in facts[name]["rows"] if any(row[field] != value for field, value in own.items())]
-        without = misses(claims_of({**facts, name: {"rows": left}}))
-        if any(without.get(claim) != whole[claim] for claim in wanted):
-            kept.append((name, case))
-    return kept

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Sequence
 
 from nermo_sim.experiments.claims.board import DEVIATIONS, RADII_AND_TIMES, THEORY, Claims
@@ -52,7 +53,8 @@ def radii(claims: Claims, table: Sequence[Row]) -> None:
     for gait, frequency, thesis in (("trot", 0.5, 0.375), ("lateral_walk", 0.8, 0.1)):
         ratio = quotient(rows.lock(gait, frequency, "mix"), rows.lock(gait, frequency, "spine"), "radius_m")
         mixed.number(f"mix over spine radius, {gait} {frequency} Hz [1]", thesis, ratio, RADII_AND_TIMES)
-    combinations = {(row["gait"], row["frequency_hz"]) for row in rows.locked}
+    tried = Counter((row["gait"], row["frequency_hz"]) for row in rows.locked)
+    combinations = [each for each, strategies in tried.items() if strategies == len(STRATEGIES)]
 
     def tightest_first(each: tuple[str, float]) -> bool:
         found = [rows.lock(*each, strategy)["radius_m"] for strategy in ("mix", "leg", "spine")]  # type: ignore[index]
@@ -98,7 +100,7 @@ def arcs(claims: Claims, table: Sequence[Row]) -> None:
         lambda: (
             [(row["gait"], row["frequency_hz"], row["strategy"], row["path_radius_m"]) for row in failed]
             == [("lateral_walk", 0.8, "spine", 0.5)]
-            if table
+            if walked
             else None
         ),
         ours="; ".join(f"{r['strategy']}, {r['gait']}, {r['frequency_hz']} Hz, {r['path_radius_m']} m" for r in failed)
@@ -115,7 +117,8 @@ def _one_metre(claims: Claims, rows: _Rows) -> None:
 
     def faster(gait: str, strategy: str, radius: float) -> bool:
         each = [rows.arc(gait, frequency, strategy, radius) for frequency in FREQUENCIES]
-        return not all(row["followed"] for row in each) or _rising([-row["time_s"] for row in each])  # type: ignore[index]
+        walked = [row for row in each if row is not None]
+        return not all(row["followed"] for row in walked) or _rising([-row["time_s"] for row in walked])
 
     claims.about("turning with frequency").words(
         "turning is faster at a higher frequency",
