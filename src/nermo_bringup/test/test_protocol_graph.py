@@ -32,7 +32,7 @@ SHORT = """
 import sys
 from nermo_control.types import ControlCommand
 from nermo_gap.protocol import standard
-from nermo_gap.protocol.pieces import Piece, Protocol, Segment, Wave
+from nermo_gap.protocol.types import Piece, Protocol, Segment, Wave
 
 def short(robot, markers=False):
     spine = Piece("spine", "bend it", 2.0, (Wave("spine_lateral", 0.3, 1.0),), looks=(0.5,))
