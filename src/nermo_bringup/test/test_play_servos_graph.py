@@ -49,5 +49,5 @@ def test_played_servo_positions_move_the_knee_and_when_they_end_the_mouse_stands
             assert player.poll() is None
         finally:
             player.terminate()
-            player.wait(30.0)
+            player.wait(PATIENCE_S)
         graph.spin_until(lambda: knees[-1] > UP, "the mouse stands", PATIENCE_S)

@@ -110,13 +110,13 @@ def test_the_mouse_moves_while_the_space_bar_is_held_and_what_was_recorded_is_ke
         def hold() -> None:
             terminal.type(" ")
 
-        terminal.until(lambda: terminal.shows("hold the space bar"), "the graph is up")
-        terminal.until(lambda: terminal.shows("1 of 1: bend it"), "the first piece begins", hold)
+        terminal.until(lambda: terminal.says("hold the space bar"), "the graph is up")
+        terminal.until(lambda: terminal.says("1 of 1: bend it"), "the first piece begins", hold)
         terminal.type("x")
-        terminal.until(lambda: terminal.shows("let go: 'spine' is broken off"), "it is broken off")
-        terminal.until(lambda: terminal.shows("standing: set it down"), "it was played again", hold)
-        terminal.until(lambda: terminal.shows("1 of 2: squat"), "the next piece begins", hold)
-        terminal.until(lambda: terminal.shows("2 of 2: trot"), "and the last one", hold)
+        terminal.until(lambda: terminal.says("let go: 'spine' is broken off"), "it is broken off")
+        terminal.until(lambda: terminal.says("standing: set it down"), "it was played again", hold)
+        terminal.until(lambda: terminal.says("1 of 2: squat"), "the next piece begins", hold)
+        terminal.until(lambda: terminal.says("2 of 2: trot"), "and the last one", hold)
         terminal.process.send_signal(signal.SIGINT)
         assert terminal.end() == 1
     finally:

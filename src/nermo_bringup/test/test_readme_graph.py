@@ -128,7 +128,7 @@ def test_who_does_as_the_readme_says_moves_the_mouse(graph, terminals, tmp_path:
     up_line, keyboard_line, replay_line = LIVE
     recording = tmp_path / "recording"
     up = terminals(up_line.replace("DIR", str(recording)))
-    up.until(lambda: up.shows("Ctrl-C ends all."), "it says how to go on")
+    up.until(lambda: up.says("Ctrl-C ends all."), "it says how to go on")
     assert keyboard_line in up.text.replace("\n", " "), "what is printed is what the README says"
 
     mouse = Watched(graph)

@@ -12,6 +12,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
+from terminal import PATIENCE_S
 
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.repair import repair
@@ -99,8 +100,13 @@ def test_a_topic_whose_publishers_change_is_still_heard(graph, tmp_path: Path) -
     publish(graph, reliable, 1)
     graph.spin_until(lambda: count_on_disk(directory, "/nermo/sensor") == 1, "the reliable publisher was heard")
     best_effort = graph.node.create_publisher(Vector3, "/nermo/sensor", qos.BEST_EFFORT)
-    publish(graph, best_effort, 3)
-    graph.spin_until(lambda: count_on_disk(directory, "/nermo/sensor") == 4, "the best-effort publisher was heard")
+
+    def heard() -> bool:
+        # Of what is sent with best effort each may be lost.
+        best_effort.publish(Vector3())
+        return count_on_disk(directory, "/nermo/sensor") > 1
+
+    graph.spin_until(heard, "the best-effort publisher was heard")
 
 
 def test_a_recorder_that_waits_records_when_it_is_asked_to_and_each_time_anew(graph, tmp_path: Path) -> None:
@@ -143,7 +149,7 @@ def test_a_recorder_that_waits_records_when_it_is_asked_to_and_each_time_anew(gr
 
 def test_an_existing_directory_is_refused(graph, tmp_path: Path) -> None:
     recorder = graph.start(RECORDER, *graph.parameters(directory=str(tmp_path)))
-    output, _ = recorder.communicate(timeout=30)
+    output, _ = recorder.communicate(timeout=PATIENCE_S)
     assert recorder.returncode == 1
     assert f"{tmp_path} exists already" in output
     assert "Traceback" not in output

@@ -9,6 +9,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState, Imu, JointState
+from terminal import PATIENCE_S
 
 from nermo_description.feet import readings_by_cell
 from nermo_description.parameters import LEGS
@@ -71,19 +72,20 @@ def test_the_twin_walks_through_driver_and_line_and_again_after_the_cable_was_pu
 
     def gone(start: float) -> bool:
         mouse.walk()
-        return mouse.x > start + 0.03
+        # Each topic is discovered on its own: on a busy machine the mouse may walk before the bench hears its servos.
+        return mouse.x > start + 0.03 and bool(mouse.servos) and max(mouse.servos[-1].current) > 0.0
 
     graph.spin_until(lambda: gone(0.0), "the mouse has walked 3 cm", patience=90.0)
     control = Control(control_path(link))
     control.do("unplug", seconds=0.7)
-    graph.spin_until(lambda: mouse.line("reconnects") == "1", "the driver has noticed")
+    graph.spin_until(lambda: mouse.line("reconnects") not in ("", "0"), "the driver has noticed")
     start = mouse.x
     graph.spin_until(lambda: gone(start), "the mouse walks on", patience=90.0)
     control.close()
     servos = mouse.servos[-1]
     assert list(servos.name) == list(ROBOT.servos)
     assert all(math.isnan(torque) for torque in servos.torque)
-    assert min(servos.current) >= 0.0 and max(servos.current) > 0.0
+    assert min(servos.current) >= 0.0
     assert int(mouse.line("exchanges")) > 0
 
 
@@ -96,7 +98,6 @@ def test_the_twin_walks_on_the_board_of_nermo_lite_which_feels_nothing(graph, tm
 
     def gone() -> bool:
         mouse.walk()
-        # Each topic is discovered on its own: on a busy machine the mouse may walk before the bench hears its servos.
         return mouse.x > 0.03 and bool(mouse.servos)
 
     graph.spin_until(gone, "the mouse has walked 3 cm, and its servos are heard", patience=90.0)
@@ -157,7 +158,7 @@ def test_the_driver_waits_for_its_device_and_is_then_as_the_twin_is(graph, tmp_p
 
 def test_a_calibration_that_cannot_be_read_ends_the_driver_with_a_sentence(graph):
     process = graph.start("nermo_hw.nodes.serial_driver", *graph.parameters(calibration="/no/such/file.yaml"))
-    output, _ = process.communicate(timeout=60.0)
+    output, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 2
     assert "/no/such/file.yaml" in output
     assert "Traceback" not in output

@@ -33,8 +33,10 @@ PERIOD = 5_000_000
 REPEAT_AFTER_S = 0.5
 CLOCK_EVERY = 4
 """Ticks for one /clock: only the knowledge-base's stamps and its sign of life go by it."""
-ANSWER_WITHIN_S = 0.02
+ANSWER_WITHIN_S = 1.0
 """Outside lockstep a tick waits so long for its command, so that a busy machine slows the simulated time down."""
+UNANSWERED_S = 0.02
+"""The same after a tick without a command: nobody may be there to send one."""
 
 NODES = ("gait_knowledge_base", "high_level_controller", "motion_module", "trajectory_generator", "state_publisher")
 LOCKSTEP_NODES = ("high_level_controller", "motion_module", "state_publisher")
@@ -126,6 +128,7 @@ class GraphRobot:
         self.answers: list[tuple[int, list[float]]] = []
         """Servo commands with their stamps."""
         self.walking = False
+        self._within = UNANSWERED_S
         self._arrays = conversions.ServoArrays(robot)
         self._clock = node.create_publisher(Clock, "/clock", qos.SENSOR) if clock else None
         self._servo_states = node.create_publisher(msg.ServoStates, f"{namespace}/servo_states", qos.SENSOR)
@@ -161,8 +164,9 @@ class GraphRobot:
         if self.command is not None and self.stamp // PERIOD % 10 == 0:
             self.send(replace(self.command, stamp=self.stamp))
         self.publish()
-        while (elapsed := time.monotonic() - began) < (PERIOD * 1e-9 if self.answered() else ANSWER_WITHIN_S):
+        while (elapsed := time.monotonic() - began) < (PERIOD * 1e-9 if self.answered() else self._within):
             self._graph.spin_once(min(0.002, max(0.0, PERIOD * 1e-9 - elapsed)))
+        self._within = ANSWER_WITHIN_S if self.answered() else UNANSWERED_S
 
     def run(self, seconds: float) -> None:
         """Ticks for a while of simulated time."""

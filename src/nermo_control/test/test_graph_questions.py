@@ -46,6 +46,8 @@ def test_a_trajectory_generator_that_had_to_wait_answers_every_question(graph: C
         return stamp
 
     graph.spin_until(lambda: ask() > 0 and bool(answered), "questions are answered")
+    last = ask()
+    graph.spin_until(lambda: last in answered, "no question is left")
     graph.send(NAMESPACE, "trajectory_generator", signal.SIGSTOP)
     asked = {ask() for _ in range(QUESTIONS)}
     graph.send(NAMESPACE, "trajectory_generator", signal.SIGCONT)

@@ -103,14 +103,21 @@ def test_release_stop_and_silence_reach_the_servos(bench: Node, tmp_path: Path, 
         until(lambda: refusal() == "" and energised() and safety() == "follow", "it has power and follows")
         stops.publish(Bool(data=True))
         until(lambda: not energised(), "the stop has taken the power")
-        assert refusal().startswith("emergency_stop (/bench still says stop: end it there first)")
+        says = "emergency_stop (/bench still says stop: end it there first)"
+        until(lambda: refusal().startswith(says), "it says who, which ROS may know a little later")
         processes[1].send_signal(signal.SIGUSR1)
         stops.publish(Bool(data=False))
         until(lambda: "SIGUSR1" in safety(), "the signal has come")
         assert not energised()
         until(lambda: refusal() == "" and energised(), "a release has given the power back")
         walking[0] = False
-        until(lambda: "command_lost" in safety() and energised(), "it crouches")
+
+        def crouches() -> bool:
+            if not energised():
+                refusal()
+            return "command_lost" in safety() and energised()
+
+        until(crouches, "it crouches")
     finally:
         for process in processes:
             process.terminate()

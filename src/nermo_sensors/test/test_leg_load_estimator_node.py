@@ -99,7 +99,7 @@ def feet() -> Iterator[Feet]:
     yield feet
     feet.close()
     process.terminate()
-    assert process.wait(30) == 0
+    assert process.wait(PATIENCE) == 0
 
 
 def test_loads_follow_and_faults_are_told(feet: Feet) -> None:
@@ -129,15 +129,13 @@ def test_loads_follow_and_faults_are_told(feet: Feet) -> None:
         feet.until(future.done, "the parameter was set")
         answers.append(future.result().results[0].successful)
     assert answers == [True, False]
-    for _ in range(3):
-        answer = feet.press([0.7, 0.7, 0.7, 0.0])
-    assert not any(answer.contact)
+    # What is heard next may be the answer to a sample from before.
+    feet.until(lambda: not any(feet.press([0.7, 0.7, 0.7, 0.0]).contact), "none of them is on the ground any more")
 
 
 def test_samples_are_passed_over_only_while_nobody_listens(feet: Feet) -> None:
     loads = [0.7, 0.7, 0.7, 0.0]
-    for _ in range(20):
-        feet.press(loads)
+    feet.press(loads)
 
     def passed_over() -> int:
         told = [
@@ -149,13 +147,21 @@ def test_samples_are_passed_over_only_while_nobody_listens(feet: Feet) -> None:
         ]
         return max(told, default=0)
 
-    feet.until(lambda: bool(feet.diagnostics), "there are diagnostics")
-    assert passed_over() == 0
+    def passed_over_by_now() -> int:
+        heard = len(feet.diagnostics)
+        feet.until(lambda: len(feet.diagnostics) > heard + 1, "there are diagnostics of now")
+        return passed_over()
+
+    # Before it knew of whoever listens it may have passed over some.
+    before = passed_over_by_now()
+    for _ in range(20):
+        feet.press(loads)
+    assert passed_over_by_now() == before
     feet.listen(False)
 
     def some_were() -> bool:
         feet.send(loads)
-        return passed_over() > 20
+        return passed_over() > before + 20
 
     feet.until(some_were, "samples are passed over", 0.005)
     feet.listen(True)
@@ -173,7 +179,7 @@ def test_wrong_feet_are_refused() -> None:
         [sys.executable, "-m", "nermo_sensors.nodes.leg_load_estimator", "--ros-args", "-p", "feet:=none.yaml"],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=2.0 * PATIENCE,
         check=False,
     )
     assert done.returncode == 2

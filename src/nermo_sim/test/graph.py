@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -75,20 +75,26 @@ class Graph:
         message.header.stamp = states.header.stamp
         for name, value in changes.items():
             setattr(message, name, value)
-        topic = f"{namespace}/servo_command"
-        if topic not in self._commands:
-            self._commands[topic] = self.node.create_publisher(ServoCommand, topic, 1)
-            self.until(lambda: self._commands[topic].get_subscription_count() > 0, f"{topic} is heard")
-        self._commands[topic].publish(message)
+        self.until(lambda: self.hears(namespace), "commands are heard")
+        self._commands[namespace].publish(message)
+
+    def hears(self, namespace: str = "") -> bool:
+        """Whether servo commands are heard: what is answered before is old by then."""
+        if namespace not in self._commands:
+            self._commands[namespace] = self.node.create_publisher(ServoCommand, f"{namespace}/servo_command", 1)
+        return bool(self._commands[namespace].get_subscription_count() > 0)
 
     def status(self, name: str = "mujoco_sim") -> dict[str, str]:
         """Newest diagnostics of a simulation, with its `level` and `message`; empty before the first."""
-        for array in reversed(self._diagnostics):
-            for status in array.status:
-                if status.name.startswith(f"{name}:"):
-                    values = {pair.key: pair.value for pair in status.values}
-                    return {**values, "level": str(status.level[0]), "message": status.message}
-        return {}
+        if not (statuses := self.statuses(name)):
+            return {}
+        values = {pair.key: pair.value for pair in statuses[-1].values}
+        return {**values, "level": str(statuses[-1].level[0]), "message": statuses[-1].message}
+
+    def statuses(self, name: str) -> list[DiagnosticStatus]:
+        """All diagnostics of a simulation; of each message the first."""
+        found = [[each for each in array.status if each.name.startswith(f"{name}:")] for array in self._diagnostics]
+        return [statuses[0] for statuses in found if statuses]
 
     def end(self, process: subprocess.Popen[str]) -> tuple[int, str]:
         """Exit status and output of a process after SIGTERM, or as it has ended by itself."""
