@@ -14,6 +14,7 @@ from nermo_gap.console import PROGRAM, refusals
 from nermo_gap.explain.cli import explain_command, predict_command
 from nermo_gap.protocol.cli import detectability_command, record_command
 from simgap.blind.cli import blind_app
+from simgap.cli import Baselines, Budget, DiagnosisFile, Only, Out, OwnEffects, Reference, Seed
 from simgap.console import HELP, called, fail, print_diagnosis, progress, silence, writable, write_diagnosis
 from simgap.live.options import HERE, PORT, Web, WebHost, WebPort
 
@@ -51,21 +52,14 @@ def diagnose_command(
     ] = None,
     model: Annotated[Path | None, typer.Option(help="The nominal model, an MJCF.")] = None,
     map_: Annotated[Path | None, typer.Option("--map", help="YAML that maps columns to actuators and sensors.")] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for diagnosis.json and report.html; `diagnosis` without --json.")
-    ] = None,
-    json_: Annotated[Path | None, typer.Option("--json", help="File for the diagnosis.")] = None,
-    effects: Annotated[list[Path] | None, typer.Option(help="Python files with effects of your own.")] = None,
-    only: Annotated[list[str] | None, typer.Option(help="Consider this effect only (may be repeated).")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
-    baselines: Annotated[bool, typer.Option(help="Also fit everything at once, for comparison.")] = True,
-    budget: Annotated[
-        float | None, typer.Option(min=1.0, help="Seconds that it may take; the best answer by then.")
-    ] = None,
-    reference: Annotated[
-        list[Path] | None,
-        typer.Option(help="A recording of the same robot when it was well (may be repeated): what has changed since?"),
-    ] = None,
+    out: Out = None,
+    json_: DiagnosisFile = None,
+    effects: OwnEffects = None,
+    only: Only = None,
+    seed: Seed = 0,
+    baselines: Baselines = True,
+    budget: Budget = None,
+    reference: Reference = None,
     web: Web = False,
     web_host: WebHost = HERE,
     web_port: WebPort = PORT,
