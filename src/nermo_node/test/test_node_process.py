@@ -99,8 +99,10 @@ def test_a_change_is_checked_by_the_model_and_handed_over(bench: Node, start: Ca
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_cleanly(bench: Node, start: Callable, number: signal.Signals) -> None:
+    said: list[DiagnosticArray] = []
+    bench.create_subscription(DiagnosticArray, "/diagnostics", said.append, 10)
     process = start()
-    spin_until(bench, lambda: bench.count_publishers("/diagnostics") == 1, "the node is there")
+    spin_until(bench, lambda: bool(said), "the node is there, and runs")
     process.send_signal(number)
     output, _ = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, "destroyed" in output, "Traceback" in output) == (0, True, False), output
