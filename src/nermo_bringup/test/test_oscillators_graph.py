@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 
+import pytest
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 
 from nermo_interfaces.msg import ControlCommand, LegLoads, LegStates, MotionCommand
 from nermo_node import qos
+
+pytestmark = pytest.mark.timeout(900)  # a whole graph
 
 MOUSE = (
     "nermo_control.nodes.gait_knowledge_base",

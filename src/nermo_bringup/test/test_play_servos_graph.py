@@ -12,7 +12,9 @@ from nermo_bringup.launch.running_graph import running_graph
 from nermo_interfaces.msg import ServoCommand, ServoStates
 from nermo_node import qos
 
-PATIENCE_S = 120.0
+pytestmark = pytest.mark.timeout(900)  # a whole graph
+
+PATIENCE_S = 240.0
 TOLD, BENT, UP = -0.4, -0.1, 0.0
 """[rad] Where the knee is told to be, where it counts as being there (a servo lags by up to 0.1 rad under load), and
 where it is again in the stand (0.13)."""

@@ -15,6 +15,8 @@ from rclpy.node import Node
 
 PATIENCE_S = 90.0
 """How long a condition is waited for before the test fails; on an idle machine all hold within two seconds."""
+LEAVING_S = 20.0
+"""So long a process may take to end."""
 LAST_WORDS_S = 1.0
 """So long what a process said is waited for after it has ended."""
 
@@ -72,9 +74,16 @@ class GraphBench:
         return future.result()
 
     def close(self) -> None:
-        """Ends all processes and leaves the graph."""
+        """Ends all processes and leaves the graph.
+
+        Whoever is killed does not say that it leaves, and would be taken for a node of the next test for some seconds.
+        """
         for process in self._processes:
-            if process.poll() is None:
+            process.terminate()
+        for process in self._processes:
+            try:
+                process.communicate(timeout=LEAVING_S)
+            except subprocess.TimeoutExpired:
                 process.kill()
                 process.communicate()
         self._executor.shutdown()

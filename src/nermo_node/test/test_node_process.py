@@ -40,9 +40,8 @@ def start() -> Iterator[Callable[..., subprocess.Popen[str]]]:
 
     yield begin
     for process in processes:
-        if process.poll() is None:
-            process.kill()
-            process.communicate()
+        process.terminate()
+        process.communicate(timeout=PATIENCE_S)
 
 
 def test_a_change_is_checked_by_the_model_and_handed_over(bench: GraphBench, start: Callable) -> None:
@@ -76,8 +75,10 @@ def test_a_change_is_checked_by_the_model_and_handed_over(bench: GraphBench, sta
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_cleanly(bench: GraphBench, start: Callable, number: signal.Signals) -> None:
+    said: list[DiagnosticArray] = []
+    bench.node.create_subscription(DiagnosticArray, "/diagnostics", said.append, 10)
     process = start()
-    bench.until(lambda: bench.node.count_publishers("/diagnostics") == 1, "the node is there")
+    bench.until(lambda: bool(said), "the node is there, and runs")
     process.send_signal(number)
     output, _ = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, "destroyed" in output, "Traceback" in output) == (0, True, False), output
