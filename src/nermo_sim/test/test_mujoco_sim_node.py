@@ -50,7 +50,7 @@ def test_publishes_all_sensors_at_their_rates_and_ends_cleanly(graph: Graph) -> 
     }
     heard = {topic: graph.hear(kind, topic) for topic, (kind, _) in topics.items()}
     process = graph.start(real_time_factor=0.5, battery_rate=2.0, frame_prefix="mouse/")
-    graph.until(lambda: all(len(messages) >= 3 for messages in heard.values()), "all topics have spoken")
+    graph.until(lambda: all(len(messages) >= 2 for messages in heard.values()), "all topics have spoken")
     for topic, (_, period) in topics.items():
         stamps = [nanoseconds(message) for message in heard[topic]]
         assert {late - early for early, late in itertools.pairwise(stamps)} == {period}, topic
