@@ -41,15 +41,15 @@ def test_played_servo_positions_move_the_knee_and_when_they_end_the_mouse_stands
     graph.node.create_subscription(ServoStates, "/nermo/servo_states", heard, qos.BEST_EFFORT)
     graph.node.create_subscription(ServoCommand, "/nermo/servo_targets", targets.append, qos.COMMAND)
     with running_graph({"target": target, "teleop": "none"}, tmp_path / "graph.log") as running:
-        graph.spin_until(lambda: bool(knees), "the graph is up", PATIENCE_S)
+        graph.until(lambda: bool(knees), "the graph is up", PATIENCE_S)
         player = subprocess.Popen([sys.executable, "-m", "nermo_bringup", "play", str(file)])
         try:
             # A mouse without power lies as it fell, with a bent knee now and then.
-            graph.spin_until(lambda: bool(targets), "servo positions are played", PATIENCE_S)
-            graph.spin_until(lambda: knees[-1] < BENT, "the knee is where it was told to be", PATIENCE_S)
+            graph.until(lambda: bool(targets), "servo positions are played", PATIENCE_S)
+            graph.until(lambda: knees[-1] < BENT, "the knee is where it was told to be", PATIENCE_S)
             running.check()
             assert player.poll() is None
         finally:
             player.terminate()
             player.wait(PATIENCE_S)
-        graph.spin_until(lambda: knees[-1] > UP, "the mouse stands", PATIENCE_S)
+        graph.until(lambda: knees[-1] > UP, "the mouse stands", PATIENCE_S)

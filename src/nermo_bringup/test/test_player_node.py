@@ -33,7 +33,7 @@ def test_a_file_is_played_at_its_pace_and_ends_with_a_stop(graph, tmp_path: Path
     heard: list[ControlCommand] = []
     graph.node.create_subscription(ControlCommand, "control_command", heard.append, 50)
     player = graph.start(PLAYER, *graph.parameters(file=str(path)))
-    graph.spin_until(lambda: len(heard) > 1 and heard[-1].forward_velocity == 0.0 and heard[-1].posture == 0, "the end")
+    graph.until(lambda: len(heard) > 1 and heard[-1].forward_velocity == 0.0 and heard[-1].posture == 0, "the end")
     assert player.wait(timeout=PATIENCE_S) == 0
     assert heard[0].posture == ControlCommand.POSTURE_STAND
     stamps = [message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec for message in heard]
@@ -68,13 +68,13 @@ class LongWalk:
             clock.publish(message)
             return sum(stamp < 1_000_000_000 for stamp in self.heard) > 5
 
-        self._graph.spin_until(advance, "it is played by the simulation's clock")
+        self._graph.until(advance, "it is played by the simulation's clock")
         return clock
 
 
 def test_what_began_by_the_wall_clock_is_played_whole_by_a_clock_that_is_found_later(graph, tmp_path: Path) -> None:
     walk = LongWalk(graph, tmp_path)
-    graph.spin_until(lambda: len(walk.heard) > 2, "it plays by the machine's clock")
+    graph.until(lambda: len(walk.heard) > 2, "it plays by the machine's clock")
     assert min(walk.heard) > 1_000_000_000
     walk.by_simulation()
 
@@ -93,8 +93,8 @@ def test_in_lockstep_each_tick_gets_its_own_command(graph, file: str) -> None:
     graph.node.create_subscription(ControlCommand, "control_command", heard.append, 50)
     clock = graph.node.create_publisher(Clock, "/clock", 10)
     graph.start(PLAYER, *graph.parameters(file=file, lockstep=True))
-    graph.spin_until(lambda: clock.get_subscription_count() > 0, "the player hears the clock")
-    graph.spin_until(lambda: graph.node.count_publishers("control_command") > 0, "the player is heard")
+    graph.until(lambda: clock.get_subscription_count() > 0, "the player hears the clock")
+    graph.until(lambda: graph.node.count_publishers("control_command") > 0, "the player is heard")
     tick = 0
 
     def stamp(message: ControlCommand) -> int:
@@ -110,7 +110,7 @@ def test_in_lockstep_each_tick_gets_its_own_command(graph, file: str) -> None:
             clock.publish(message)
         return tick > 250
 
-    graph.spin_until(advance, "a quarter of a second of simulation has passed")
+    graph.until(advance, "a quarter of a second of simulation has passed")
     first = stamp(heard[0])
     by_tick = {stamp(message) - first: message.forward_velocity for message in heard}
     assert by_tick == {tick: (0.05 if tick >= 100 else 0.0) for tick in range(0, max(by_tick) + 1, 5)}
@@ -138,7 +138,7 @@ def test_servo_positions_go_to_who_owns_the_servos_and_at_the_end_the_mouse_is_t
     graph.node.create_subscription(ControlCommand, "control_command", said.append, 500)
     player = graph.start(PLAYER, *graph.parameters(file=str(path)))
     # What it says last is heard after it has said it, and maybe after it has ended.
-    graph.spin_until(
+    graph.until(
         lambda: bool(said) and said[-1].posture == ControlCommand.POSTURE_STAND and 0.2 in targets[-1].position,
         "the end is heard",
     )

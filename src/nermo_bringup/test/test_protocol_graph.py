@@ -136,9 +136,9 @@ def test_an_emergency_stop_ends_the_recording(graph, tmp_path: Path) -> None:
             [*WORDS, "--out", "out"], cwd=tmp_path, stdout=file, stderr=subprocess.STDOUT, preexec_fn=DIES_WITH_US
         )
     try:
-        graph.spin_until(lambda: "1 of 1: bend it" in log.read_text(), "the first piece begins", 240.0)
+        graph.until(lambda: "1 of 1: bend it" in log.read_text(), "the first piece begins", 240.0)
         stop.publish(Bool(data=True))
-        graph.spin_until(lambda: process.poll() is not None, "it ends", 120.0)
+        graph.until(lambda: process.poll() is not None, "it ends", 120.0)
     finally:
         process.kill()
         process.wait()

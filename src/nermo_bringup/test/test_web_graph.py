@@ -60,7 +60,7 @@ class Graph:
 
     def until(self, condition: Callable[[], bool], what: str) -> None:
         try:
-            self.bench.spin_until(condition, what, PATIENCE_S)
+            self.bench.until(condition, what, PATIENCE_S)
         except AssertionError as error:
             raise AssertionError(f"{error}; the twin says {self.twin!r}, stops {self.stops[-5:]}") from None
 

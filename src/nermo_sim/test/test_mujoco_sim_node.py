@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -65,7 +66,7 @@ def test_publishes_all_sensors_at_their_rates_and_ends_cleanly(graph: Graph) -> 
     felt = readings_by_cell(heard["tactile"][-1].name, heard["tactile"][-1].voltage)
     assert min(felt["piezoresistive"]) > 1.04
     graph.until(lambda: graph.status().get("message") == "waiting for the first command", "diagnostics say so")
-    status, output = graph.end(process)
+    status, output = graph.stop(process, signal.SIGTERM)
     assert status == 0, output
     assert "Traceback" not in output
 
@@ -91,7 +92,7 @@ def test_unusable_servo_command_is_refused_and_said(graph: Graph, changes: dict,
     graph.until(lambda: nanoseconds(states[-1]) > nanoseconds(before) + 50 * PERIOD, "the simulation goes on")
     assert reason in graph.status()["last_refusal"]
     assert states[-1].position == pytest.approx(before.position, abs=0.1)
-    _, output = graph.end(process)
+    _, output = graph.stop(process, signal.SIGTERM)
     assert reason in output
 
 
@@ -110,7 +111,7 @@ def test_a_spine_command_beyond_the_range_is_held_and_said(graph: Graph) -> None
     graph.command(later, position=positions)
     graph.until(lambda: nanoseconds(states[-1]) > nanoseconds(later) + 20 * PERIOD, "the simulation goes on")
     assert max(state.position[spine] for state in states) < 1.05
-    _, output = graph.end(process)
+    _, output = graph.stop(process, signal.SIGTERM)
     assert "spine_lateral = 2.000 rad is held to its range, -1 to 1 rad" in output
     assert output.count("is held to its range") == 1, "what the words do not show is not said"
 
@@ -189,7 +190,7 @@ def test_stepped_mode_is_deterministic(graph: Graph) -> None:
             )
             graph.command(states[-1])
         runs.append({nanoseconds(message): serialize_message(message) for message in states})
-        graph.end(process)
+        graph.stop(process, signal.SIGTERM)
         states.clear()
     assert runs[0].keys() & runs[1].keys() >= {tick * PERIOD for tick in range(30)}
     assert all(runs[0][tick * PERIOD] == runs[1][tick * PERIOD] for tick in range(30))
@@ -199,22 +200,22 @@ def test_pause_step_and_go_on(graph: Graph) -> None:
     clock, states = graph.hear(Clock, "/clock"), graph.hear(ServoStates, "servo_states")
     graph.start()
     graph.until(lambda: len(states) > 5, "the simulation runs")
-    refused = graph.call(StepSimulation, "mujoco_sim/step", ticks=3)
+    refused = graph.call(StepSimulation, "mujoco_sim/step", StepSimulation.Request(ticks=3))
     assert not refused.success
     assert "pause it first" in refused.message
-    assert graph.call(SetBool, "mujoco_sim/pause", data=True).message == "paused"
+    assert graph.call(SetBool, "mujoco_sim/pause", SetBool.Request(data=True)).message == "paused"
     graph.until(lambda: graph.status().get("message") == "paused", "it says so")
 
     def step(ticks: int) -> int:
-        answer = graph.call(StepSimulation, "mujoco_sim/step", ticks=ticks)
+        answer = graph.call(StepSimulation, "mujoco_sim/step", StepSimulation.Request(ticks=ticks))
         assert answer.success
         return int(answer.time.sec) * 1_000_000_000 + int(answer.time.nanosec)
 
     before = step(1)
     assert step(7) == before + 7 * PERIOD
     graph.until(lambda: clock and nanoseconds(clock[-1]) == before + 7 * PERIOD, "seven ticks have come")
-    assert not graph.call(StepSimulation, "mujoco_sim/step", ticks=0).success
-    assert graph.call(SetBool, "mujoco_sim/pause", data=False).message == "running"
+    assert not graph.call(StepSimulation, "mujoco_sim/step", StepSimulation.Request(ticks=0)).success
+    assert graph.call(SetBool, "mujoco_sim/pause", SetBool.Request(data=False)).message == "running"
     graph.until(lambda: nanoseconds(clock[-1]) > before + 20 * PERIOD, "it runs again")
 
 
@@ -223,15 +224,15 @@ def test_reset_and_push(graph: Graph) -> None:
     graph.start()
     graph.until(lambda: odometry, "the simulation runs")
     standing = odometry[-1].pose.pose.position
-    assert graph.call(PushRobot, "mujoco_sim/push", force=Vector3(y=2.0), duration=0.2).success
+    assert graph.call(PushRobot, "mujoco_sim/push", PushRobot.Request(force=Vector3(y=2.0), duration=0.2)).success
     graph.until(lambda: odometry[-1].pose.pose.position.y > standing.y + 0.005, "it is pushed aside")
-    refused = graph.call(PushRobot, "mujoco_sim/push", body="ghost", duration=0.1)
+    refused = graph.call(PushRobot, "mujoco_sim/push", PushRobot.Request(body="ghost", duration=0.1))
     assert not refused.success
     assert "ghost" in refused.message
-    assert graph.call(ResetSimulation, "mujoco_sim/reset", keyframe="crouch").success
+    assert graph.call(ResetSimulation, "mujoco_sim/reset", ResetSimulation.Request(keyframe="crouch")).success
     graph.until(lambda: odometry[-1].pose.pose.position.z < 0.8 * standing.z, "it crouches")
     assert abs(odometry[-1].pose.pose.position.y - standing.y) < 0.002
-    refused = graph.call(ResetSimulation, "mujoco_sim/reset", keyframe="fly")
+    refused = graph.call(ResetSimulation, "mujoco_sim/reset", ResetSimulation.Request(keyframe="fly"))
     assert not refused.success
     assert "stand" in refused.message
     stamps = [nanoseconds(message) for message in clock]
@@ -242,15 +243,15 @@ def test_divergence_stops_it_until_a_reset(graph: Graph, tmp_path: Path) -> None
     states = graph.hear(ServoStates, "servo_states")
     process = graph.start(dump_folder=tmp_path / "dump")
     graph.until(lambda: states, "the simulation runs")
-    assert graph.call(PushRobot, "mujoco_sim/push", force=Vector3(z=1e13), duration=1.0).success
+    assert graph.call(PushRobot, "mujoco_sim/push", PushRobot.Request(force=Vector3(z=1e13), duration=1.0)).success
     graph.until(lambda: graph.status().get("level") == "2", "the error is diagnosed")
     assert "diverged" in graph.status()["message"]
     assert (tmp_path / "dump" / "states.npz").exists()
     stopped = nanoseconds(states[-1])
-    assert graph.call(ResetSimulation, "mujoco_sim/reset").success
+    assert graph.call(ResetSimulation, "mujoco_sim/reset", ResetSimulation.Request()).success
     graph.until(lambda: nanoseconds(states[-1]) > stopped + 20 * PERIOD, "it runs again")
     assert math.isfinite(sum(states[-1].position))
-    status, output = graph.end(process)
+    status, output = graph.stop(process, signal.SIGTERM)
     assert status == 0, output
     assert "~/reset" in output
 
@@ -266,8 +267,8 @@ def test_two_in_one_graph_share_one_clock(graph: Graph) -> None:
     graph.until(lambda: nanoseconds(clock[-1]) > start + 200 * PERIOD, "a second has passed")
     graph.until(lambda: nanoseconds(second[-1]) > start + 190 * PERIOD, "the second keeps up")
     # Which of two messages is taken first says nothing; where the clock stands still, the second does too.
-    assert graph.call(SetBool, "a/mujoco_sim/pause", data=True).success
-    stands = graph.call(StepSimulation, "a/mujoco_sim/step", ticks=1).time
+    assert graph.call(SetBool, "a/mujoco_sim/pause", SetBool.Request(data=True)).success
+    stands = graph.call(StepSimulation, "a/mujoco_sim/step", StepSimulation.Request(ticks=1)).time
     told = len(graph.statuses("b/mujoco_sim"))
     graph.until(lambda: len(graph.statuses("b/mujoco_sim")) > told + 3, "time has passed, but not the clock's")
     assert nanoseconds(second[-1]) <= stands.sec * 1_000_000_000 + stands.nanosec + PERIOD
