@@ -115,7 +115,7 @@ _WORDS = {
 
 # Things whose bench lives in another package than the others'.
 _BENCHES = {
-    **dict.fromkeys(("serial", "link", "faults"), "nermo_hw.cli:bench_app"),
+    **dict.fromkeys(("serial", "link", "faults"), "nermo_hw.bench.cli:bench_app"),
     "firmware": "nermo_hw.firmware.cli:bench_app",
     "fuzz": "nermo_bringup.fuzz.cli:bench_app",
     "track": "nermo_track.cli:bench_app",

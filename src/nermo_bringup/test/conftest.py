@@ -2,89 +2,22 @@
 
 from __future__ import annotations
 
-import json
-import signal
-import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 
-PATIENCE_S = 30.0
-"""How long a condition is waited for before the test fails; on an idle machine all hold within a second."""
-
-
-class Bench:
-    """A test's own node in a ROS domain, and the processes that it started there."""
-
-    def __init__(self) -> None:
-        self._context = Context()
-        rclpy.init(context=self._context)
-        self.node = Node("bench", context=self._context, start_parameter_services=False)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        self._processes: list[subprocess.Popen[str]] = []
-        self._stopped: list[subprocess.Popen[str]] = []
-
-    def start(self, module: str, *arguments: str, terminal: int | None = None) -> subprocess.Popen[str]:
-        """Run the `main` of a node module with ROS arguments, as its console script does."""
-        return self.run(f"import sys; from {module} import main; sys.exit(main())", *arguments, terminal=terminal)
-
-    def run(self, code: str, *arguments: str, terminal: int | None = None) -> subprocess.Popen[str]:
-        """Run Python code that becomes a node; on a terminal if one is given."""
-        process = subprocess.Popen(
-            [sys.executable, "-c", code, *(("--ros-args", *arguments) if arguments else ())],
-            stdin=subprocess.DEVNULL if terminal is None else terminal,
-            stdout=subprocess.PIPE if terminal is None else terminal,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        self._processes.append(process)
-        return process
-
-    def spin_until(self, condition: Callable[[], bool], what: str, patience: float = PATIENCE_S) -> None:
-        """Serve the test's node until something holds; the test fails when it does not."""
-        deadline = time.monotonic() + patience
-        while not condition():
-            for process in self._processes:
-                if process not in self._stopped and process.poll() is not None:
-                    raise AssertionError(f"a node ended before {what}: {process.communicate()[0]}")
-            if time.monotonic() > deadline:
-                raise AssertionError(f"waited {patience:g} s in vain until {what}")
-            self._executor.spin_once(timeout_sec=0.02)
-
-    def stop(self, process: subprocess.Popen[str], number: int = signal.SIGINT) -> tuple[int, str]:
-        """Exit status and output of a process after a signal."""
-        self._stopped.append(process)
-        process.send_signal(number)
-        output, _ = process.communicate(timeout=PATIENCE_S)
-        return process.returncode, output
-
-    def close(self) -> None:
-        """End every process and leave the graph."""
-        for process in self._processes:
-            if process.poll() is None:
-                process.kill()
-                process.communicate()
-        self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self._context)
-
-    @staticmethod
-    def parameters(**values: object) -> Sequence[str]:
-        """ROS arguments that set parameters."""
-        return [argument for name, value in values.items() for argument in ("-p", f"{name}:={json.dumps(value)}")]
+if TYPE_CHECKING:
+    from node_bench import Bench
 
 
 @pytest.fixture
 def graph() -> Iterator[Bench]:
     """A bench that leaves nothing running."""
+    from node_bench import Bench
+
     made = Bench()
     try:
         yield made

@@ -32,6 +32,8 @@ class Terminal:
         self._before = termios.tcgetattr(self._terminal)
         self.text = ""
         """All that was shown, without colours and cursor movements."""
+        self._told = 0
+        """Place in the text behind what `says` has found last."""
         self.process = subprocess.Popen(
             command,
             cwd=folder,
@@ -64,8 +66,16 @@ class Terminal:
             time.sleep(0.25)
 
     def shows(self, words: str) -> bool:
-        """Whether the newest lines have these words."""
+        """Whether the newest lines have these words: for a screen that is drawn again and again."""
         return words in self.read()[-3000:]
+
+    def says(self, words: str) -> bool:
+        """Whether these words came after those found before: for what is said once, however much came since."""
+        place = self.read().find(words, self._told)
+        if place < 0:
+            return False
+        self._told = place + len(words)
+        return True
 
     def end(self, patience: float = PATIENCE_S) -> int:
         """Waits for the command's end; its exit status. Its terminal is as it was."""

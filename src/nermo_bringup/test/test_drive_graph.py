@@ -70,7 +70,7 @@ def test_the_keys_of_one_terminal_walk_the_mouse_stop_it_and_end(at, tmp_path: P
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_while_the_graph_comes_up_leaves_nothing_behind(at, number: int) -> None:
     terminal = at("--no-record")
-    terminal.until(lambda: terminal.shows("bringing up"), "the graph is on its way")
+    terminal.until(lambda: terminal.says("bringing up"), "the graph is on its way")
     terminal.process.send_signal(number)
     assert terminal.end() == (0 if number == signal.SIGINT else 128 + number)
     assert "Traceback" not in terminal.text

@@ -21,8 +21,8 @@ from nermo_bringup.experiment.plan import PLAN_FILE, Plan, PlanFile, Run
 from nermo_description.parameter_files import ParameterError
 from nermo_description.results import CommandError
 from nermo_description.robots import load_robot
-from nermo_gap.protocol.pieces import REST
 from nermo_gap.protocol.scene import PieceRow, SceneFile
+from nermo_gap.protocol.types import REST
 from nermo_node.recording_reader import RecordingError
 from nermo_sim.experiments.on_robot import RobotRequest, Way
 from nermo_sim.experiments.registry import ON_ROBOT

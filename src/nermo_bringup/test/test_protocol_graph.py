@@ -32,7 +32,7 @@ SHORT = """
 import sys
 from nermo_control.types import ControlCommand
 from nermo_gap.protocol import standard
-from nermo_gap.protocol.pieces import Piece, Protocol, Segment, Wave
+from nermo_gap.protocol.types import Piece, Protocol, Segment, Wave
 
 def short(robot, markers=False):
     spine = Piece("spine", "bend it", 2.0, (Wave("spine_lateral", 0.3, 1.0),), looks=(0.5,))
@@ -110,13 +110,13 @@ def test_the_mouse_moves_while_the_space_bar_is_held_and_what_was_recorded_is_ke
         def hold() -> None:
             terminal.type(" ")
 
-        terminal.until(lambda: terminal.shows("hold the space bar"), "the graph is up")
-        terminal.until(lambda: terminal.shows("1 of 1: bend it"), "the first piece begins", hold)
+        terminal.until(lambda: terminal.says("hold the space bar"), "the graph is up")
+        terminal.until(lambda: terminal.says("1 of 1: bend it"), "the first piece begins", hold)
         terminal.type("x")
-        terminal.until(lambda: terminal.shows("let go: 'spine' is broken off"), "it is broken off")
-        terminal.until(lambda: terminal.shows("standing: set it down"), "it was played again", hold)
-        terminal.until(lambda: terminal.shows("1 of 2: squat"), "the next piece begins", hold)
-        terminal.until(lambda: terminal.shows("2 of 2: trot"), "and the last one", hold)
+        terminal.until(lambda: terminal.says("let go: 'spine' is broken off"), "it is broken off")
+        terminal.until(lambda: terminal.says("standing: set it down"), "it was played again", hold)
+        terminal.until(lambda: terminal.says("1 of 2: squat"), "the next piece begins", hold)
+        terminal.until(lambda: terminal.says("2 of 2: trot"), "and the last one", hold)
         terminal.process.send_signal(signal.SIGINT)
         assert terminal.end() == 1
     finally:
@@ -136,9 +136,9 @@ def test_an_emergency_stop_ends_the_recording(graph, tmp_path: Path) -> None:
             [*WORDS, "--out", "out"], cwd=tmp_path, stdout=file, stderr=subprocess.STDOUT, preexec_fn=DIES_WITH_US
         )
     try:
-        graph.spin_until(lambda: "1 of 1: bend it" in log.read_text(), "the first piece begins", 240.0)
+        graph.until(lambda: "1 of 1: bend it" in log.read_text(), "the first piece begins", 240.0)
         stop.publish(Bool(data=True))
-        graph.spin_until(lambda: process.poll() is not None, "it ends", 120.0)
+        graph.until(lambda: process.poll() is not None, "it ends", 120.0)
     finally:
         process.kill()
         process.wait()

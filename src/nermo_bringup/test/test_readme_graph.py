@@ -106,7 +106,7 @@ class Watched:
             meanwhile()
             return math.dist(self._from, self.place) > 0.04
 
-        self._graph.spin_until(moved, what, patience=90.0)
+        self._graph.until(moved, what, patience=90.0)
 
 
 @pytest.fixture
@@ -128,11 +128,11 @@ def test_who_does_as_the_readme_says_moves_the_mouse(graph, terminals, tmp_path:
     up_line, keyboard_line, replay_line = LIVE
     recording = tmp_path / "recording"
     up = terminals(up_line.replace("DIR", str(recording)))
-    up.until(lambda: up.shows("Ctrl-C ends all."), "it says how to go on")
+    up.until(lambda: up.says("Ctrl-C ends all."), "it says how to go on")
     assert keyboard_line in up.text.replace("\n", " "), "what is printed is what the README says"
 
     mouse = Watched(graph)
-    graph.spin_until(lambda: mouse.place != (0.0, 0.0), "the twin is there", patience=90.0)
+    graph.until(lambda: mouse.place != (0.0, 0.0), "the twin is there", patience=90.0)
     keyboard = terminals(keyboard_line)
     mouse.moves("the keys drive", lambda: (up.read(), keyboard.read(), keyboard.type("w")))
     keyboard.type("q")
@@ -145,7 +145,7 @@ def test_who_does_as_the_readme_says_moves_the_mouse(graph, terminals, tmp_path:
     mouse.moves("a twist without a stamp drives", lambda: (up.read(), twists.publish(twist)))
     twist.header.stamp = graph.node.get_clock().now().to_msg()
     words = "its stamp is the wall clock's, but this graph follows a simulation's /clock: start the sender with"
-    graph.spin_until(
+    graph.until(
         lambda: (twists.publish(twist), words in up.read())[1], "a stamp of the wall clock is refused", patience=90.0
     )
 

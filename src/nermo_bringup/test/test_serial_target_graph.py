@@ -9,6 +9,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState, Imu, JointState
+from terminal import PATIENCE_S
 
 from nermo_description.feet import readings_by_cell
 from nermo_description.parameters import LEGS
@@ -71,19 +72,20 @@ def test_the_twin_walks_through_driver_and_line_and_again_after_the_cable_was_pu
 
     def gone(start: float) -> bool:
         mouse.walk()
-        return mouse.x > start + 0.03
+        # Each topic is discovered on its own: on a busy machine the mouse may walk before the bench hears its servos.
+        return mouse.x > start + 0.03 and bool(mouse.servos) and max(mouse.servos[-1].current) > 0.0
 
-    graph.spin_until(lambda: gone(0.0), "the mouse has walked 3 cm", patience=90.0)
+    graph.until(lambda: gone(0.0), "the mouse has walked 3 cm", patience=90.0)
     control = Control(control_path(link))
     control.do("unplug", seconds=0.7)
-    graph.spin_until(lambda: mouse.line("reconnects") == "1", "the driver has noticed")
+    graph.until(lambda: mouse.line("reconnects") not in ("", "0"), "the driver has noticed")
     start = mouse.x
-    graph.spin_until(lambda: gone(start), "the mouse walks on", patience=90.0)
+    graph.until(lambda: gone(start), "the mouse walks on", patience=90.0)
     control.close()
     servos = mouse.servos[-1]
     assert list(servos.name) == list(ROBOT.servos)
     assert all(math.isnan(torque) for torque in servos.torque)
-    assert min(servos.current) >= 0.0 and max(servos.current) > 0.0
+    assert min(servos.current) >= 0.0
     assert int(mouse.line("exchanges")) > 0
 
 
@@ -96,10 +98,9 @@ def test_the_twin_walks_on_the_board_of_nermo_lite_which_feels_nothing(graph, tm
 
     def gone() -> bool:
         mouse.walk()
-        # Each topic is discovered on its own: on a busy machine the mouse may walk before the bench hears its servos.
         return mouse.x > 0.03 and bool(mouse.servos)
 
-    graph.spin_until(gone, "the mouse has walked 3 cm, and its servos are heard", patience=90.0)
+    graph.until(gone, "the mouse has walked 3 cm, and its servos are heard", patience=90.0)
     assert all(math.isnan(angle) for angle in mouse.servos[-1].position)
     assert felt == []
 
@@ -110,14 +111,14 @@ def test_the_driver_waits_for_its_device_and_is_then_as_the_twin_is(graph, tmp_p
         graph.node.create_subscription(kind, topic, messages.append, 10)
     link = tmp_path / "device"
     mouse = Mouse(graph, link)
-    graph.spin_until(
+    graph.until(
         lambda: "is not there (yet)" in str(mouse.status.get("serial_driver: line", "")), "the missing device is told"
     )
     mouse.plug_in()
-    graph.spin_until(lambda: all(heard.values()) and mouse.servos, "every topic has come")
+    graph.until(lambda: all(heard.values()) and mouse.servos, "every topic has come")
     assert heard["imu/data_raw"][-1].header.frame_id == "imu_link"
     # It comes to rest first.
-    graph.spin_until(lambda: abs(heard["imu/data_raw"][-1].linear_acceleration.z - 9.81) < 1.0, "the IMU feels gravity")
+    graph.until(lambda: abs(heard["imu/data_raw"][-1].linear_acceleration.z - 9.81) < 1.0, "the IMU feels gravity")
     assert list(heard["joint_states"][-1].name) == [f"{leg}_knee_joint" for leg in LEGS]
     for leg, angle in zip(LEGS, heard["joint_states"][-1].position, strict=True):
         dynamics = ROBOT.front_leg_dynamics if leg.startswith("front") else ROBOT.rear_leg_dynamics
@@ -135,7 +136,7 @@ def test_the_driver_waits_for_its_device_and_is_then_as_the_twin_is(graph, tmp_p
         commands.publish(message)
         return "front_left_toe" in str(mouse.status.get("serial_driver: messages", ""))
 
-    graph.spin_until(refused, "an unusable command is refused")
+    graph.until(refused, "an unusable command is refused")
 
     def followed() -> bool:
         """The last posture with the tail bent."""
@@ -146,10 +147,8 @@ def test_the_driver_waits_for_its_device_and_is_then_as_the_twin_is(graph, tmp_p
         commands.publish(message)
         return abs(states.position[list(states.name).index("tail")] - 0.5) < 0.1
 
-    graph.spin_until(followed, "the tail has bent")
-    graph.spin_until(
-        lambda: "crouching" in mouse.status["serial_driver: device"][1]["following"], "silence makes it crouch"
-    )
+    graph.until(followed, "the tail has bent")
+    graph.until(lambda: "crouching" in mouse.status["serial_driver: device"][1]["following"], "silence makes it crouch")
     code, output = graph.stop(mouse.driver)
     assert code == 0, output
     assert "Traceback" not in output
@@ -157,7 +156,7 @@ def test_the_driver_waits_for_its_device_and_is_then_as_the_twin_is(graph, tmp_p
 
 def test_a_calibration_that_cannot_be_read_ends_the_driver_with_a_sentence(graph):
     process = graph.start("nermo_hw.nodes.serial_driver", *graph.parameters(calibration="/no/such/file.yaml"))
-    output, _ = process.communicate(timeout=60.0)
+    output, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 2
     assert "/no/such/file.yaml" in output
     assert "Traceback" not in output

@@ -60,7 +60,7 @@ class Graph:
 
     def until(self, condition: Callable[[], bool], what: str) -> None:
         try:
-            self.bench.spin_until(condition, what, PATIENCE_S)
+            self.bench.until(condition, what, PATIENCE_S)
         except AssertionError as error:
             raise AssertionError(f"{error}; the twin says {self.twin!r}, stops {self.stops[-5:]}") from None
 
@@ -162,8 +162,11 @@ def test_the_page_shows_the_mouse_and_the_stick_walks_it(graph: Graph, browser: 
     hand_on_stick(page)
     graph.until(lambda: graph.walked(start) > 0.05, "the stick walks the mouse")
     graph.until(lambda: changed(standing, picture(page)) > 0.02, "the scene shows it walking")
-    graph.until(lambda: float(page.locator("#speed").inner_text()) > 1.0, "the page says how fast it is")
-    assert float(page.locator("#commanded").inner_text()) > 1.0
+    # A browser that a busy machine lets be silent for a moment commands nothing in between.
+    graph.until(
+        lambda: all(float(page.locator(name).inner_text()) > 1.0 for name in ("#speed", "#commanded")),
+        "the page says how fast it is, and is to be",
+    )
     page.mouse.up()
     graph.until(lambda: graph.told == 0.0, "the mouse is told to stop")
     graph.until(lambda: page.locator("#commanded").inner_text() == "0.0", "the page says so")
@@ -203,7 +206,7 @@ def test_one_drives_and_the_other_is_told(graph: Graph, browser: Browser) -> Non
     graph.until(lambda: second.locator("#said").is_visible(), "the second is told something")
     assert re.fullmatch(r"viewer \d+ drives: wait until .*", second.locator("#said").inner_text())
     graph.until(lambda: "You drive" in first.locator("#driver").inner_text(), "the first still drives")
-    assert "drives." in second.locator("#driver").inner_text()
+    graph.until(lambda: "drives." in second.locator("#driver").inner_text(), "the second sees that")
     first.mouse.up()
     graph.until(lambda: graph.told == 0.0, "the first has let go, and the refused press does not take over")
     graph.until(lambda: "Press the stick" in second.locator("#driver").inner_text(), "nobody drives")
@@ -292,8 +295,10 @@ def test_sliders_set_parameters_and_a_refusal_is_said(graph: Graph, browser: Bro
     page.locator("#gait").select_option("lateral_walk")
     page.locator("#spine input").first.check()
     hand_on_stick(page)
-    graph.until(lambda: bool(graph.commands) and graph.commands[-1].gait == "lateral_walk", "commands name the gait")
-    assert graph.commands[-1].spine_modes.turning
+    graph.until(
+        lambda: any(c.gait == "lateral_walk" and c.spine_modes.turning for c in graph.commands[-1:]),
+        "commands name the gait and the spine function",
+    )
 
 
 WEAK = """name: weak

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 from pydantic import BaseModel, ConfigDict, Field
 
 from nermo_control.lift import LIFTED_LEG
-from nermo_control.types import SPINE_FUNCTIONS, ControlCommand, Posture, SpineModes, TrajectoryMode
+from nermo_control.spine.functions import SPINE_FUNCTIONS
+from nermo_control.types import ControlCommand, Posture, SpineModes, TrajectoryMode
 
 SPEED_STEPS = 10
 FREQUENCY_STEP_HZ = 0.1

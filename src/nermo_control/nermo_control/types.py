@@ -6,9 +6,11 @@ right. Leg planes have their origin at the hip or shoulder axis, x forward and z
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Literal
+
+from nermo_control.spine.functions import SpineModes as SpineModes
 
 TurningStrategy = Literal["leg", "spine", "mix"]
 Four = tuple[float, float, float, float]
@@ -51,23 +53,6 @@ class Phase(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class SpineModes:
-    """Which spine functions are on (sp_m, N table 5.5); `SpineModes.msg` has the same fields.
-
-    A function that is added here and there can be switched by messages, command files, pads and keys.
-    """
-
-    turning: bool = False
-    stride_extension: bool = False
-    offset_compensation: bool = False
-    balance_compensation: bool = False
-
-
-SPINE_FUNCTIONS = tuple(one.name for one in fields(SpineModes))
-"""Names of all spine functions."""
-
-
-@dataclass(frozen=True, slots=True)
 class ControlCommand:
     """What the operator wants (c_m): arrow [a]."""
 
@@ -79,7 +64,7 @@ class ControlCommand:
     gait: str = ""
     gait_frequency: float = 0.0
     turning_strategy: str = ""
-    spine_modes: SpineModes = SpineModes()
+    spine_modes: SpineModes = field(default_factory=SpineModes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +78,7 @@ class MotionCommand:
     gait: str
     gait_frequency: float
     turning_strategy: TurningStrategy = "leg"
-    spine_modes: SpineModes = SpineModes()
+    spine_modes: SpineModes = field(default_factory=SpineModes)
 
 
 @dataclass(frozen=True, slots=True)

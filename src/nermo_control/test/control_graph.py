@@ -9,12 +9,9 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
-import rclpy
+from graph_bench import PATIENCE_S, GraphBench
 from nav_msgs.msg import Odometry
-from rclpy.context import Context
-from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from nermo_control import types
@@ -27,29 +24,25 @@ from nermo_node import qos
 from nermo_node.run import EventsExecutor
 from nermo_node.time import to_message, to_nanoseconds
 
-PATIENCE_S = 60.0
-"""How long a condition is waited for before the test fails; on an idle machine all hold within two seconds."""
 PERIOD = 5_000_000
 REPEAT_AFTER_S = 0.5
 CLOCK_EVERY = 4
 """Ticks for one /clock: only the knowledge-base's stamps and its sign of life go by it."""
-ANSWER_WITHIN_S = 0.02
+ANSWER_WITHIN_S = 1.0
 """Outside lockstep a tick waits so long for its command, so that a busy machine slows the simulated time down."""
+UNANSWERED_S = 0.02
+"""The same after a tick without a command: nobody may be there to send one."""
 
 NODES = ("gait_knowledge_base", "high_level_controller", "motion_module", "trajectory_generator", "state_publisher")
 LOCKSTEP_NODES = ("high_level_controller", "motion_module", "state_publisher")
 
 
-class ControlGraph:
-    """Node processes of one test and the test's own ROS context."""
+class ControlGraph(GraphBench):
+    """Node processes of one test and the test's own place in the graph."""
 
     def __init__(self) -> None:
-        self._context = Context()
-        rclpy.init(context=self._context)
-        self.node = Node("bench", context=self._context, start_parameter_services=False)
-        self._executor = EventsExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        self._processes: dict[tuple[str, str], subprocess.Popen[str]] = {}
+        super().__init__(executor=EventsExecutor, start_parameter_services=False)
+        self._nodes: dict[tuple[str, str], subprocess.Popen[str]] = {}
 
     def start(self, namespace: str, name: str, **parameters: object) -> None:
         """Starts a node; parameters are given as ROS arguments."""
@@ -57,9 +50,7 @@ class ControlGraph:
         for key, value in {"use_sim_time": True, **parameters}.items():
             arguments += ["-p", f"{key.replace('__', '.')}:={str(value).lower() if isinstance(value, bool) else value}"]
         command = [sys.executable, "-m", f"nermo_control.nodes.{name}", "--ros-args", *arguments]
-        self._processes[namespace, name] = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        )
+        self._nodes[namespace, name] = self.begin(command)
 
     def start_all(self, namespace: str, lockstep: bool = False) -> None:
         """Starts all nodes of the controller."""
@@ -68,49 +59,11 @@ class ControlGraph:
 
     def kill(self, namespace: str, name: str) -> None:
         """SIGKILL: no time for a last word."""
-        process = self._processes.pop((namespace, name))
-        process.send_signal(signal.SIGKILL)
-        process.communicate()
+        self.stop(self._nodes.pop((namespace, name)), signal.SIGKILL)
 
     def send(self, namespace: str, name: str, number: signal.Signals) -> None:
         """Sends a node a signal."""
-        self._processes[namespace, name].send_signal(number)
-
-    def assert_alive(self, what: str) -> None:
-        """Fails when a node has ended by itself."""
-        for name, process in self._processes.items():
-            assert process.poll() is None, f"{name} ended before {what}: {process.communicate()[0]}"
-
-    def spin_once(self, timeout: float) -> None:
-        """Serves the test's node."""
-        self._executor.spin_once(timeout_sec=timeout)
-
-    def spin_until(self, condition: Callable[[], bool], what: str) -> None:
-        """Serves the test's node until something holds; the test fails when it does not, or when a node ends."""
-        deadline = time.monotonic() + PATIENCE_S
-        while not condition():
-            self.assert_alive(what)
-            assert time.monotonic() < deadline, f"waited {PATIENCE_S:g} s in vain until {what}"
-            self.spin_once(0.02)
-
-    def call(self, kind: Any, service: str, request: Any) -> Any:
-        """Response of a service."""
-        client = self.node.create_client(kind, service)
-        self.spin_until(client.service_is_ready, f"{service} is there")
-        future = client.call_async(request)
-        self.spin_until(future.done, f"{service} answers")
-        self.node.destroy_client(client)
-        return future.result()
-
-    def close(self) -> None:
-        """Ends all processes and leaves the graph."""
-        for process in self._processes.values():
-            if process.poll() is None:
-                process.kill()
-                process.communicate()
-        self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self._context)
+        self._nodes[namespace, name].send_signal(number)
 
 
 class GraphRobot:
@@ -126,6 +79,7 @@ class GraphRobot:
         self.answers: list[tuple[int, list[float]]] = []
         """Servo commands with their stamps."""
         self.walking = False
+        self._within = UNANSWERED_S
         self._arrays = conversions.ServoArrays(robot)
         self._clock = node.create_publisher(Clock, "/clock", qos.SENSOR) if clock else None
         self._servo_states = node.create_publisher(msg.ServoStates, f"{namespace}/servo_states", qos.SENSOR)
@@ -161,8 +115,9 @@ class GraphRobot:
         if self.command is not None and self.stamp // PERIOD % 10 == 0:
             self.send(replace(self.command, stamp=self.stamp))
         self.publish()
-        while (elapsed := time.monotonic() - began) < (PERIOD * 1e-9 if self.answered() else ANSWER_WITHIN_S):
+        while (elapsed := time.monotonic() - began) < (PERIOD * 1e-9 if self.answered() else self._within):
             self._graph.spin_once(min(0.002, max(0.0, PERIOD * 1e-9 - elapsed)))
+        self._within = ANSWER_WITHIN_S if self.answered() else UNANSWERED_S
 
     def run(self, seconds: float) -> None:
         """Ticks for a while of simulated time."""
@@ -173,7 +128,7 @@ class GraphRobot:
         """Ticks until something holds."""
         deadline = time.monotonic() + PATIENCE_S
         while not condition():
-            self._graph.assert_alive(what)
+            self._graph.alive(what)
             assert time.monotonic() < deadline, f"waited {PATIENCE_S:g} s in vain until {what}"
             self.tick()
 

@@ -15,8 +15,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from nermo_control.gait.gaits import GaitDefinition
 from nermo_control.gait.knowledge_base import GaitParameters, LegStride
 from nermo_control.nodes import conversions as convert
+from nermo_control.spine.functions import SPINE_FUNCTIONS
 from nermo_control.types import (
-    SPINE_FUNCTIONS,
     ControlCommand,
     FootTrajectory,
     LegStates,

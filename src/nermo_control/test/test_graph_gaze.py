@@ -7,7 +7,8 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from control_graph import LOCKSTEP_NODES, NODES, PATIENCE_S, PERIOD, REPEAT_AFTER_S, ControlGraph, GraphRobot
+from control_graph import LOCKSTEP_NODES, NODES, PERIOD, REPEAT_AFTER_S, ControlGraph, GraphRobot
+from graph_bench import PATIENCE_S
 from sensor_msgs.msg import Imu as ImuMessage
 
 from nermo_control.controller import LOCKSTEP_MOTION, Controller

@@ -35,7 +35,7 @@ class KnowledgeBase:
         kept = self.folder / "kept" / "changes.yaml"
         kept.parent.mkdir(exist_ok=True)
         self.graph.start("mouse", "gait_knowledge_base", sets_folder=self.folder, kept_changes=kept, use_sim_time=False)
-        self.graph.spin_until(lambda: self.last is not None, "gait parameters come")
+        self.graph.until(lambda: self.last is not None, "gait parameters come")
 
     @property
     def parameters(self) -> GaitParameters:
@@ -102,13 +102,13 @@ def test_a_value_out_of_range_is_refused_with_its_name(
     assert not successful
     assert name in reason
     count = base.count
-    base.graph.spin_until(lambda: base.count > count, "the next message")
+    base.graph.until(lambda: base.count > count, "the next message")
     assert base.parameters == before
 
 
 def test_a_change_is_told_and_sets_bring_it_back(base: KnowledgeBase) -> None:
     assert base.set("front.swing_amplitude", 0.02) == (True, "")
-    base.graph.spin_until(lambda: base.parameters.front.swing_amplitude == 0.02, "the change is told")
+    base.graph.until(lambda: base.parameters.front.swing_amplitude == 0.02, "the change is told")
     assert base.last is not None and base.last.revision >= 1
 
     save = SaveParameterSet.Request(name="high_steps")
@@ -119,14 +119,14 @@ def test_a_change_is_told_and_sets_bring_it_back(base: KnowledgeBase) -> None:
     assert (again.success, "exists" in again.message) == (False, True)
 
     assert base.set("front.swing_amplitude", 0.01) == (True, "")
-    base.graph.spin_until(lambda: base.parameters.front.swing_amplitude == 0.01, "the change is told")
+    base.graph.until(lambda: base.parameters.front.swing_amplitude == 0.01, "the change is told")
     listed = base.graph.call(ListParameterSets, f"{NODE}/list_parameter_sets", ListParameterSets.Request())
     assert listed.names == ["high_steps"]
     loaded = base.graph.call(
         LoadParameterSet, f"{NODE}/load_parameter_set", LoadParameterSet.Request(name="high_steps")
     )
     assert loaded.success, loaded.message
-    base.graph.spin_until(lambda: base.parameters.front.swing_amplitude == 0.02, "the set is told")
+    base.graph.until(lambda: base.parameters.front.swing_amplitude == 0.02, "the set is told")
 
 
 def test_a_set_with_other_gaits_becomes_parameters_too(base: KnowledgeBase) -> None:
@@ -136,10 +136,10 @@ def test_a_set_with_other_gaits_becomes_parameters_too(base: KnowledgeBase) -> N
     write_gait_parameters(other, base.folder / "pacing.yaml")
     loaded = base.graph.call(LoadParameterSet, f"{NODE}/load_parameter_set", LoadParameterSet.Request(name="pacing"))
     assert loaded.success, loaded.message
-    base.graph.spin_until(lambda: base.parameters == other, "the new gait is told")
+    base.graph.until(lambda: base.parameters == other, "the new gait is told")
     assert base.set("gaits.pace.duty_factor", 0.6) == (True, "")
     assert not base.set("gaits.lateral_walk.duty_factor", 0.6)[0]
-    base.graph.spin_until(lambda: base.parameters.gaits["pace"].duty_factor == 0.6, "the change is told")
+    base.graph.until(lambda: base.parameters.gaits["pace"].duty_factor == 0.6, "the change is told")
 
 
 @pytest.mark.parametrize(("name", "words"), [("hihg_steps", "did you mean high_steps?"), ("../x", "letters, digits")])
@@ -153,15 +153,15 @@ def test_a_set_that_cannot_be_is_refused_in_words(base: KnowledgeBase, name: str
 def test_a_late_listener_hears_of_robot_and_gaits(base: KnowledgeBase, robot: RobotParameters) -> None:
     heard: list[msg.RobotParameters] = []
     base.graph.node.create_subscription(msg.RobotParameters, "mouse/robot_parameters", heard.append, qos.LATCHED)
-    base.graph.spin_until(lambda: bool(heard), "the robot's parameters come")
+    base.graph.until(lambda: bool(heard), "the robot's parameters come")
     assert heard[0].robot == robot.name
     assert [servo.name for servo in heard[0].servos] == list(robot.servos)
 
 
 def test_what_was_changed_live_is_still_there_after_a_restart(base: KnowledgeBase) -> None:
     assert base.set("rear.swing_amplitude", 0.017) == (True, "")
-    base.graph.spin_until(lambda: base.parameters.rear.swing_amplitude == 0.017, "the change is told")
+    base.graph.until(lambda: base.parameters.rear.swing_amplitude == 0.017, "the change is told")
     before = base.parameters
     base.graph.kill("mouse", "gait_knowledge_base")
     base.start()
-    base.graph.spin_until(lambda: base.parameters == before, "the change is told again")
+    base.graph.until(lambda: base.parameters == before, "the change is told again")

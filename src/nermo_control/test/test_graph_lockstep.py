@@ -7,7 +7,8 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from control_graph import PATIENCE_S, PERIOD, REPEAT_AFTER_S, ControlGraph, GraphRobot
+from control_graph import PERIOD, REPEAT_AFTER_S, ControlGraph, GraphRobot
+from graph_bench import PATIENCE_S
 
 from nermo_control.controller import Controller
 from nermo_control.gait.knowledge_base import GaitParameters

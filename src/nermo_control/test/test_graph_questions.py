@@ -45,8 +45,10 @@ def test_a_trajectory_generator_that_had_to_wait_answers_every_question(graph: C
         questions.publish(question)
         return stamp
 
-    graph.spin_until(lambda: ask() > 0 and bool(answered), "questions are answered")
+    graph.until(lambda: ask() > 0 and bool(answered), "questions are answered")
+    last = ask()
+    graph.until(lambda: last in answered, "no question is left")
     graph.send(NAMESPACE, "trajectory_generator", signal.SIGSTOP)
     asked = {ask() for _ in range(QUESTIONS)}
     graph.send(NAMESPACE, "trajectory_generator", signal.SIGCONT)
-    graph.spin_until(lambda: asked <= answered, "all questions are answered")
+    graph.until(lambda: asked <= answered, "all questions are answered")

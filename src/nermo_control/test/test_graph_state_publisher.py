@@ -39,7 +39,7 @@ def ticks(graph: ControlGraph, publish: Callable[[int], None], condition: Callab
         publish(next(stamps))
         return condition()
 
-    graph.spin_until(tick, what)
+    graph.until(tick, what)
 
 
 def test_dead_reckoning_follows_the_imu(graph: ControlGraph, robot: RobotParameters) -> None:

@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 import simgap.cli
 from nermo_gap.blind.cli import mice_app
+from nermo_gap.console import PROGRAM, refusals
+from nermo_gap.explain.cli import explain_command, predict_command
+from nermo_gap.protocol.cli import detectability_command, record_command
 from simgap.blind.cli import blind_app
-from simgap.console import HELP, called, fail, print_diagnosis, progress, refusals, silence, writable, write_diagnosis
-from simgap.execution.executors import HELP as EXECUTOR
-from simgap.execution.executors import PROCESSES
+from simgap.cli import Baselines, Budget, DiagnosisFile, Only, Out, OwnEffects, Reference, Seed
+from simgap.console import HELP, called, fail, print_diagnosis, progress, silence, writable, write_diagnosis
 from simgap.live.options import HERE, PORT, Web, WebHost, WebPort
 
 if TYPE_CHECKING:
-    from nermo_gap.protocol.through_graph import ThroughGraph
     from simgap.analysis.diagnose import Diagnosis
     from simgap.analysis.options import Options
 
 # What does the work takes seconds to import, and help is asked for often: commands import it when they run.
-
-_PROGRAM = ("nermo", "gap")
 
 gap_app = typer.Typer(
     name="gap",
@@ -37,25 +35,6 @@ gap_app = typer.Typer(
 
 gap_app.add_typer(blind_app)
 gap_app.add_typer(mice_app)
-
-_through_graph: list[ThroughGraph] = []
-
-
-def hand_in(through_graph: ThroughGraph) -> None:
-    """Who has a graph hands in what plays a protocol through it."""
-    _through_graph[:] = [through_graph]
-
-
-@contextlib.contextmanager
-def _refusals() -> Iterator[None]:
-    """Input or a robot that cannot be used ends the command with its sentence and status 2."""
-    from nermo_description.robots import ParameterError
-
-    try:
-        with refusals():
-            yield
-    except ParameterError as error:
-        fail(str(error), 2)
 
 
 @gap_app.callback()
@@ -73,21 +52,14 @@ def diagnose_command(
     ] = None,
     model: Annotated[Path | None, typer.Option(help="The nominal model, an MJCF.")] = None,
     map_: Annotated[Path | None, typer.Option("--map", help="YAML that maps columns to actuators and sensors.")] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for diagnosis.json and report.html; `diagnosis` without --json.")
-    ] = None,
-    json_: Annotated[Path | None, typer.Option("--json", help="File for the diagnosis.")] = None,
-    effects: Annotated[list[Path] | None, typer.Option(help="Python files with effects of your own.")] = None,
-    only: Annotated[list[str] | None, typer.Option(help="Consider this effect only (may be repeated).")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
-    baselines: Annotated[bool, typer.Option(help="Also fit everything at once, for comparison.")] = True,
-    budget: Annotated[
-        float | None, typer.Option(min=1.0, help="Seconds that it may take; the best answer by then.")
-    ] = None,
-    reference: Annotated[
-        list[Path] | None,
-        typer.Option(help="A recording of the same robot when it was well (may be repeated): what has changed since?"),
-    ] = None,
+    out: Out = None,
+    json_: DiagnosisFile = None,
+    effects: OwnEffects = None,
+    only: Only = None,
+    seed: Seed = 0,
+    baselines: Baselines = True,
+    budget: Budget = None,
+    reference: Reference = None,
     web: Web = False,
     web_host: WebHost = HERE,
     web_port: WebPort = PORT,
@@ -107,7 +79,7 @@ def diagnose_command(
     mouse = robot is not None or (not other and any(r.suffix.lower() == ".mcap" or r.is_dir() for r in recordings))
     if not mouse and (model is None or map_ is None):
         fail("a table needs --model MODEL.xml and --map MAP.yaml, or --robot where it is one of the mouse", 2)
-    with _refusals():
+    with refusals():
         from simgap.analysis.options import Options
         from simgap.effects.library import chosen_effects, load_effects
         from simgap.live.watch import watched
@@ -126,7 +98,7 @@ def diagnose_command(
                     from nermo_gap.robots.diagnosis import diagnose_recordings
 
                     found = diagnose_recordings(recordings, robot, options, reference or ())
-            found.report["command"] = called(_PROGRAM, "diagnose")
+            found.report["command"] = called(PROGRAM, "diagnose")
             if mouse:
                 from nermo_gap.robots.checks import what_to_do
 
@@ -150,79 +122,7 @@ def _diagnosed(
     return diagnose([load_recording(r, plant) for r in recordings], plant, options)
 
 
-@gap_app.command("record")
-def record_command(
-    out: Annotated[Path, typer.Option(help="New folder for the recordings, one folder in it for each segment.")],
-    robot: Annotated[str, typer.Option(help="nermo, nermo_lite or a parameter file.")] = "nermo_lite",
-    protocol: Annotated[str, typer.Option(help="standard, or walk: a minute of walking alone.")] = "standard",
-    hidden: Annotated[
-        int | None, typer.Option(min=0, help="Record hidden mouse NUMBER, whose fault lies sealed beside.")
-    ] = None,
-    fault: Annotated[str | None, typer.Option(help="With --hidden: the fault, instead of drawing one.")] = None,
-    markers: Annotated[
-        bool, typer.Option("--markers", help="The tracker sees a marker at each foot and at the rear torso too.")
-    ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensors' noise.")] = 0,
-    target: Annotated[
-        Literal["sim", "serial", "link"] | None,
-        typer.Option(help="Through the graph: on the twin, a robot at a cable, over Wi-Fi."),
-    ] = None,
-    port: Annotated[
-        str, typer.Option(help="With --target: where the robot is; twin is an emulated device with the twin behind it.")
-    ] = "twin",
-    calibration: Annotated[
-        Path | None, typer.Option(help="With --target serial: the file that nermo hw calibrate wrote.")
-    ] = None,
-    dead_man: Annotated[
-        Literal["space", "pad", "none"] | None,
-        typer.Option(help="Held while the mouse moves. Default: the space bar; nothing where it is the twin."),
-    ] = None,
-    pad: Annotated[str, typer.Option(help="With --dead-man pad: which gamepad it is.")] = "xbox",
-) -> None:
-    """Play an experiment protocol: hung in a stand, standing, walking, still. `diagnose OUT` reads it.
-
-    Without --target it is the twin's, in process and in seconds. With it each segment goes through a graph of its own:
-    it says what to prepare, what comes next, and repeats a piece in which the space bar was let go.
-
-    \b
-    Examples:
-      nermo gap record --protocol standard --out recordings/today
-      nermo gap record --target serial --port /dev/ttyUSB0 --calibration my_robot.yaml --out recordings/today
-      nermo gap diagnose recordings/today
-      nermo gap record --hidden 7 --out mouse7
-      nermo gap record --hidden 7 --markers --out mouse7
-    """
-    if fault is not None and hidden is None:
-        fail("--fault goes with --hidden NUMBER", 2)
-    with _refusals():
-        from nermo_description.robots import load_robot
-        from nermo_gap.blind.mice.mouse import draw
-        from nermo_gap.blind.mice.seal import Answer, seal
-        from nermo_gap.protocol.play import Body
-        from nermo_gap.protocol.record import record
-        from nermo_gap.protocol.standard import protocol_of
-        from nermo_gap.protocol.through_graph import Request
-
-        parameters = load_robot(robot)
-        chosen = protocol_of(protocol, parameters, markers)
-        if target is not None:
-            if hidden is not None:
-                fail("--hidden is a mouse that is played in process: it does not go with --target", 2)
-            asked = Request(chosen, parameters, robot, out, target, port, calibration, dead_man, pad, seed)
-            if markers and asked.on_twin:
-                fail("--markers: the twin in the graph wears none; leave --target out, or give the robot's --port", 2)
-            if not _through_graph:
-                fail("--target needs the graph: call this as nermo gap record", 2)
-            folders = _through_graph[0](asked)
-        else:
-            twin = Body.twin(parameters, markers)
-            body, wrong = (twin, None) if hidden is None else draw(parameters, hidden, fault, markers)
-            with progress("record") as say:
-                folders = record(chosen, body, out, seed, say)
-            if hidden is not None and wrong is not None:
-                seal(Answer.of(robot, hidden, wrong), out)
-    typer.echo(f"{protocol}: {chosen.seconds:.0f} s of {parameters.name} in {len(folders)} segments")
-    typer.echo(f"next: nermo gap diagnose {out}")
+gap_app.command("record")(record_command)
 
 
 @gap_app.command("reveal")
@@ -236,7 +136,7 @@ def reveal_command(
     Example:
       nermo gap reveal mouse7 diagnosis/diagnosis.json
     """
-    with _refusals():
+    with refusals():
         from nermo_gap.blind.mice.seal import judge, open_seal
         from simgap.correction.apply import read_diagnosis
 
@@ -246,46 +146,7 @@ def reveal_command(
             typer.echo(f"diagnosis: {judge(answer, read_diagnosis(diagnosis, corrected=False))}")
 
 
-@gap_app.command("detectability")
-def detectability_command(
-    robot: Annotated[str, typer.Option(help="nermo, nermo_lite or a parameter file.")] = "nermo_lite",
-    protocol: Annotated[str, typer.Option(help="standard or walk.")] = "standard",
-    sensors: Annotated[
-        str,
-        typer.Option(help="Of servos, knees, gyro, tracker, markers, with commas; by default what the robot has."),
-    ] = "",
-    json_: Annotated[Path | None, typer.Option("--json", help="File for the table.")] = None,
-) -> None:
-    """Say from which size on a protocol would show each effect of a mouse, in which piece and to which sensor.
-
-    \b
-    Example:
-      nermo gap detectability --robot nermo_lite --protocol standard
-      nermo gap detectability --robot nermo --sensors tracker,gyro
-    """
-    with _refusals():
-        from rich.console import Console
-        from rich.table import Table
-
-        from nermo_description.robots import load_robot
-        from nermo_gap.protocol.detectable import channels_of, detectable
-        from nermo_gap.protocol.standard import protocol_of
-        from simgap.analysis.diagnose import write_report
-        from simgap.console import size_of
-
-        writable(None, json_)
-        parameters = load_robot(robot)
-        channels = channels_of(sensors, parameters)
-        rows = detectable(parameters, protocol_of(protocol, parameters, channels.markers), channels)
-    table = Table("effect", "site", "from", "seen most in", "by", "not told from")
-    for row in rows:
-        found = row.found
-        smallest = "does not show" if found.smallest is None else f"{found.parameter} {size_of(found)}"
-        table.add_row(found.effect, found.site, smallest, row.piece, found.sensor, found.rival or "")
-    Console().print(table)
-    if json_ is not None:
-        told = {"schema": "nermo_gap/detectability/1", "robot": parameters.name, "protocol": protocol}
-        write_report({**told, "rows": [row.report() for row in rows]}, json_)
+gap_app.command("detectability")(detectability_command)
 
 
 @gap_app.command("model")
@@ -301,7 +162,7 @@ def model_command(
       simgap map recordings/today --model mouse.xml --out mouse_map.yaml
       simgap diagnose recordings/today --model mouse.xml --map mouse_map.yaml
     """
-    with _refusals():
+    with refusals():
         from nermo_description.one_file import one_file
         from nermo_description.robots import load_robot
         from nermo_gap.robots.channels import Channels
@@ -360,7 +221,7 @@ def apply_command(
         fail("--out: a corrected model (.xml) needs --model, the MJCF that was diagnosed", 2)
     if out.suffix not in (".yaml", ".yml"):
         fail(f"--out: {out} must end in .yaml", 2)
-    with _refusals():
+    with refusals():
         from nermo_gap.robots.apply import deviations_of, write_robot
         from simgap.correction.apply import read_diagnosis
 
@@ -382,76 +243,8 @@ def apply_command(
     typer.echo(f"written: {out}")
 
 
-@gap_app.command("explain")
-def explain_command(
-    summary: Annotated[Path, typer.Argument(help="SUMMARY.yaml, or thesis_robot for the thesis's own.")],
-    out: Annotated[Path, typer.Option(help="Folder for what has been run; a second call goes on there.")] = Path(
-        "explanation"
-    ),
-    json_: Annotated[Path | None, typer.Option("--json", help="File for the explanations.")] = None,
-    only: Annotated[list[str] | None, typer.Option(help="Look at this effect only, name@site (repeat).")] = None,
-    effects: Annotated[int, typer.Option(min=1, max=3, help="Largest number of effects at once.")] = 2,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes; by default one a processor.")] = None,
-    executor: Annotated[str, typer.Option(help=EXECUTOR)] = PROCESSES,
-) -> None:
-    """Say which effects reproduce a table of published results: speeds, ratios, arc times, lifts.
-
-    \b
-    Example:
-      nermo gap explain thesis_robot --out explanation --json explanation.json
-    """
-    with _refusals():
-        from nermo_gap.explain.report import explain_file, print_explanations
-        from simgap.analysis.diagnose import write_report
-
-        with progress("experiments") as say:
-            report = explain_file(
-                summary,
-                out,
-                only or [],
-                effects,
-                workers,
-                lambda stage, done, total: say(stage, done / max(total, 1)),
-                executor,
-            )
-    report["command"] = called(_PROGRAM, "explain")
-    if json_ is not None:
-        write_report(report, json_)
-    print_explanations(report)
-
-
-@gap_app.command("predict")
-def predict_command(
-    diagnosis: Annotated[Path, typer.Argument(help="The diagnosis.json of a recording of the mouse.")],
-    out: Annotated[Path, typer.Option(help="Folder for what has been run; a second call goes on there.")] = Path(
-        "prediction"
-    ),
-    json_: Annotated[Path | None, typer.Option("--json", help="File for the predictions.")] = None,
-    robot: Annotated[str | None, typer.Option(help="The robot that was diagnosed; by default what it says.")] = None,
-    quick: Annotated[bool, typer.Option(help="The straight line only.")] = False,
-) -> None:
-    """Say how the experiments would go with what a diagnosis has found, in closed loop.
-
-    \b
-    Example:
-      nermo gap predict diagnosis/diagnosis.json --quick
-    """
-    with _refusals():
-        from nermo_gap.explain.predict import predict, print_predictions
-        from nermo_gap.robots.apply import deviations_of
-        from simgap.analysis.diagnose import write_report
-        from simgap.correction.apply import read_diagnosis
-
-        report = read_diagnosis(diagnosis, corrected=False)
-        base = robot or str(report.get("robot_file") or report["robot"])
-        applied = deviations_of(report, base)
-        with progress("experiments") as say:
-            rows = predict(
-                base, applied.deviations, out, quick, lambda done, total: say("experiments", done / max(total, 1))
-            )
-    if json_ is not None:
-        write_report({"schema": "nermo_gap/prediction/1", "robot": base, "rows": rows}, json_)
-    print_predictions(rows)
+gap_app.command("explain")(explain_command)
+gap_app.command("predict")(predict_command)
 
 
 if __name__ == "__main__":

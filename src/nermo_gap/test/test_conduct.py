@@ -9,9 +9,9 @@ from nermo_control.types import ControlCommand, Posture
 from nermo_description.robots import load_robot
 from nermo_description.stand import Stand
 from nermo_gap.protocol.conduct import BROKEN_AFTER, LEAD, Conductor, asked
-from nermo_gap.protocol.pieces import REST, Piece, Protocol, Segment, Wave
 from nermo_gap.protocol.play import script_of
 from nermo_gap.protocol.scene import SceneFile
+from nermo_gap.protocol.types import REST, Piece, Protocol, Segment, Wave
 
 ROBOT = load_robot("nermo_lite")
 SQUAT = Piece("squat", "squat", 2.0, (Wave("front_left_knee", -0.3, 1.0, one_way=True),), looks=(0.6,))

@@ -13,11 +13,8 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+from graph_bench import GraphBench
 from sensor_msgs.msg import Imu, JointState
 
 from nermo_description.robots import load_robot
@@ -29,15 +26,11 @@ from nermo_sim.twin import Twin
 PATIENCE = 120.0
 
 
-class Robot:
+class Robot(GraphBench):
     """A robot of its own: sends commands and what it measures, hears what the monitor says."""
 
     def __init__(self, robot: str) -> None:
-        self._context = Context()
-        rclpy.init(context=self._context)
-        self.node = Node("robot", context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
+        super().__init__("robot")
         self._twin = Twin(load_robot(robot))
         self._servos = list(load_robot(robot).servos)
         self._neutral = [s.neutral for s in load_robot(robot).servos.values()]
@@ -69,7 +62,7 @@ class Robot:
         imu.angular_velocity.x, imu.angular_velocity.y, imu.angular_velocity.z = sensors.angular_velocity
         self._states.publish(states)
         self._imu.publish(imu)
-        self._executor.spin_once(timeout_sec=0.004)
+        self.spin_once(0.004)
 
     def status(self) -> dict[str, Any]:
         """The newest of what the monitor says; empty before the first."""
@@ -81,19 +74,13 @@ class Robot:
 
     def walk_until(self, condition: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         """Goes on until the monitor says what is waited for."""
+        heard = (self._commands, self._states)
+        self.until(lambda: all(publisher.get_subscription_count() > 0 for publisher in heard), "somebody listens")
         deadline = time.monotonic() + PATIENCE
-        while self._commands.get_subscription_count() == 0 or self._states.get_subscription_count() == 0:
-            assert time.monotonic() < deadline, "nobody listens"
-            self._executor.spin_once(timeout_sec=0.02)
         while not condition(self.status()):
             assert time.monotonic() < deadline, f"waited in vain; the last was {self.status()}"
             self.step()
         return self.status()
-
-    def close(self) -> None:
-        self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self._context)
 
 
 @pytest.fixture
@@ -146,15 +133,11 @@ outputs: [{topic: measured, field: position, joint: shoulder, quantity: position
 """
 
 
-class Arm:
+class Arm(GraphBench):
     """Another robot: it says on two topics what it is told and what it measures, faster than real time."""
 
     def __init__(self) -> None:
-        self._context = Context()
-        rclpy.init(context=self._context)
-        self.node = Node("arm", context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
+        super().__init__("arm")
         self._told = self.node.create_publisher(JointState, "told", qos.SENSOR)
         self._measured = self.node.create_publisher(JointState, "measured", qos.SENSOR)
         self.diagnostics: list[DiagnosticArray] = []
@@ -174,7 +157,7 @@ class Arm:
         self._measured.publish(measured)
         self._data.ctrl[0] = command
         mujoco.mj_step(self.model, self._data)
-        self._executor.spin_once(timeout_sec=0.001)
+        self.spin_once(0.001)
 
     def move_until(self, condition: Callable[[str], bool]) -> DiagnosticStatus:
         """Moves until the monitor says what is waited for."""
@@ -187,11 +170,6 @@ class Arm:
     def said(self) -> list[DiagnosticStatus]:
         """What the monitor said of the gap."""
         return [s for array in self.diagnostics for s in array.status if s.name == "gap_monitor: gap"]
-
-    def close(self) -> None:
-        self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self._context)
 
 
 def test_the_monitor_knows_any_robot_by_its_map(tmp_path: Path) -> None:

@@ -22,9 +22,9 @@ from nermo_gap.blind.mice.mouse import PERIOD, draw
 from nermo_gap.blind.mice.places import sites_of
 from nermo_gap.blind.mice.seal import Answer, judge
 from nermo_gap.cli import gap_app
-from nermo_gap.protocol.pieces import Piece, Protocol, Segment
 from nermo_gap.protocol.play import play
 from nermo_gap.protocol.standard import PROTOCOLS, protocol_of
+from nermo_gap.protocol.types import Piece, Protocol, Segment
 from nermo_gap.robots.diagnosis import robot_plant
 from nermo_gap.robots.simulated import simulate
 from nermo_gap.robots.sites import groups, worth_a_look

@@ -20,12 +20,12 @@ from nermo_description.stand import Stand
 from nermo_gap.cli import gap_app
 from nermo_gap.protocol.detectable import channels_of, detectable
 from nermo_gap.protocol.looks import LENGTH, looker
-from nermo_gap.protocol.pieces import REST, Piece, Protocol, Segment, Wave
 from nermo_gap.protocol.play import Body, play
 from nermo_gap.protocol.record import record
 from nermo_gap.protocol.recorded import read
 from nermo_gap.protocol.scene import SCENE_FILE, scene_of, segments
 from nermo_gap.protocol.standard import PROTOCOLS, standard
+from nermo_gap.protocol.types import REST, Piece, Protocol, Segment, Wave
 from nermo_gap.robots.channels import MARKERS, TRACKER, command, marker
 from nermo_gap.robots.diagnosis import placed, robot_plant
 from nermo_gap.robots.simulated import Noise

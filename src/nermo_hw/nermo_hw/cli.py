@@ -1,58 +1,35 @@
-"""The words `hw` and `bench serial` of the `nermo` command."""
+"""The word `hw` of the `nermo` command."""
 
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import signal
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
 from nermo_description.parameters import RobotParameters
 from nermo_description.results import CommandError, write_results
-from nermo_hw.link.transports import TRANSPORTS, words
+from nermo_hw.console import HELP, Json, Robot, console
 
-# Files and pipes have no width; the tables need one.
-_console = Console(width=None if sys.stdout.isatty() else 160)
-
-_HELP = {"help_option_names": ["-h", "--help"]}
-Robot = Annotated[str, typer.Option(help="Name of a robot, or path of its parameter file.")]
 Port = Annotated[
     str, typer.Option(help="A device path, usb:VID:PID[:SERIAL], or a URL of pyserial such as socket://host:port.")
 ]
-Json = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
 
 hw_app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
     add_completion=False,
-    context_settings=_HELP,
+    context_settings=HELP,
     help="The real robot: look at it, calibrate it, emulate it.",
-)
-bench_app = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    add_completion=False,
-    context_settings=_HELP,
-    help="Measure the robot's lines.",
 )
 
 
 @hw_app.callback()
 def hw() -> None:
     """The real robot: look at it, calibrate it, emulate it."""
-
-
-@bench_app.callback()
-def bench() -> None:
-    """Measure the robot's lines."""
 
 
 @hw_app.command("emulate")
@@ -129,7 +106,7 @@ def scan(
     if not names:
         raise CommandError("this machine has no serial port; is the cable in? --port looks elsewhere.")
     rows = scan_ports(names, _robot("nermo_lite"), timeout)  # what it has, every bus can drive
-    _console.print(scan_table(rows))
+    console.print(scan_table(rows))
     if json is not None:
         write_results(json, "hw-scan", {"rows": rows})
     if all(row["error"] is not None for row in rows):
@@ -186,7 +163,7 @@ def calibrate(
         table.add_row(name, f"{mounting.zero:+.4f}", f"{mounting.direction:+d}")
     for leg, mounting in found.knee_encoders.items():
         table.add_row(f"{leg} knee encoder", f"{mounting.zero:+.4f}", f"{mounting.direction:+d}")
-    _console.print(table)
+    console.print(table)
     print(f"written to {out}")
 
 
@@ -224,7 +201,7 @@ def monitor(
     try:
         with (
             Driver(parameters, port, calibration=mounted) as driver,
-            Live(console=_console, refresh_per_second=10, transient=False) as live,
+            Live(console=console, refresh_per_second=10, transient=False) as live,
         ):
             schedule = FixedStepSchedule(0.1)
             while not (facts and once):
@@ -329,177 +306,3 @@ def release(
     if left:
         raise CommandError(f"the robot is not released: {left}.")
     print("released")
-
-
-Transport = Annotated[
-    str,
-    typer.Option(help=f"What carries the link: {', '.join(TRANSPORTS)}; {' and '.join(words(encrypts=True))} encrypt."),
-]
-
-
-@bench_app.command("link")
-def bench_link(
-    robot: Robot = "nermo_lite",
-    transport: Transport = "quic",
-    quick: Annotated[bool, typer.Option("--quick", help="400 commands a row, not 2000.")] = False,
-    json: Json = None,
-) -> None:
-    """Send commands at 200 Hz over good and bad networks into an emulated device, and count what it executes.
-
-    Needs network namespaces and /dev/net/tun; no rights where the kernel lets users make them.
-
-    \b
-    nermo bench link --json link.json
-    nermo bench link --transport tls
-    """
-    from nermo_hw.bench.link import bench_link as run
-
-    with _network_errors(transport):
-        rows = run(robot, transport, 400 if quick else 2000, progress=_say)
-    _print_table(rows, f"commands at 200 Hz over {transport}, from sending to the device")
-    if json is not None:
-        write_results(json, "bench-link", {"transport": transport, "rows": rows}, robot=robot, seed=0)
-    if any(row["stale_executed"] for row in rows):
-        raise CommandError("the device executed stale commands.")
-
-
-@bench_app.command("faults")
-def bench_faults(
-    robot: Robot = "nermo_lite",
-    transport: Transport = "quic",
-    repeats: Annotated[int, typer.Option(min=1, max=1000, help="How often each fault is injected.")] = 20,
-    fault: Annotated[list[str] | None, typer.Option(help="Only this fault; may be given several times.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the moments of injection.")] = 0,
-    json: Json = None,
-) -> None:
-    """Inject every fault into a walking emulated robot, and say what state it reached, when, and whether it recovered.
-
-    Last the network is cut for 3 s, five times, unless faults are named.
-
-    \b
-    nermo bench faults --json faults.json
-    nermo bench faults --repeats 3 --fault network_cut --fault fall
-    """
-    from nermo_hw.bench.faults import bench_cut
-    from nermo_hw.bench.faults import bench_faults as run
-
-    with _network_errors(transport):
-        rows = run(robot, repeats, seed, transport, tuple(fault or ()), progress=_say)
-        cut = None if fault else bench_cut(robot, transport=transport, repeats=min(repeats, 5))
-    _print_table(rows, "faults while walking")
-    if cut is not None:
-        _print_facts(cut, "the network cut while walking")
-    if json is not None:
-        write_results(json, "bench-faults", {"transport": transport, "rows": rows, "cut": cut}, robot=robot, seed=seed)
-    bad = [
-        row["fault"]
-        for row in rows
-        if not row["injected"] == row["in_time"] == row["recovered"] or row["executed_after"]
-    ]
-    if bad:
-        raise CommandError(f"not as it should be: {', '.join(bad)}.")
-
-
-@contextlib.contextmanager
-def _network_errors(transport: str) -> Iterator[None]:
-    from nermo_hw.bench.json_lines import WordError
-    from nermo_hw.bench.network import NoNamespacesError
-
-    if transport not in TRANSPORTS:
-        raise CommandError(f"--transport {transport} is not one of: {', '.join(TRANSPORTS)}.", status=2)
-    try:
-        yield
-    except NoNamespacesError as error:
-        raise CommandError(f"this measurement needs two machines in one: {error.strerror}.") from error
-    except WordError as error:
-        raise CommandError(f"{error}.") from error
-
-
-def _say(what: str) -> None:
-    print(what, file=sys.stderr, flush=True)
-
-
-@bench_app.command("serial")
-def bench_serial(
-    robot: Robot = "nermo_lite",
-    duration: Annotated[
-        float, typer.Option(min=1.0, max=1e5, help="Of each row of the table, in virtual seconds.")
-    ] = 2000.0,
-    real_time: Annotated[
-        float, typer.Option(min=0.5, max=3600.0, help="Of the exchange in real time, in seconds.")
-    ] = 10.0,
-    quick: Annotated[bool, typer.Option("--quick", help="50 virtual seconds a row, 2 real ones.")] = False,
-    fuzz: Annotated[bool, typer.Option("--fuzz", help="Fuzz the parser too, with 10 million bytes.")] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
-    json: Json = None,
-) -> None:
-    """Track a trajectory at 500 Hz on four boards (C table 5.4), and measure an exchange with the emulated device.
-
-    \b
-    nermo bench serial --json serial.json
-    nermo bench serial --quick --fuzz
-    nermo bench serial --duration 600 --real-time 60
-    """
-    from nermo_hw.bench import serial as bench
-    from nermo_hw.sbcp.fuzz import fuzz as run_fuzzer
-
-    duration, real_time = (50.0, 2.0) if quick else (duration, real_time)
-    with _progress() as progress:
-        facts = bench.bench_serial(robot, duration, real_time, seed, progress)
-        if fuzz:
-            size = 500_000 if quick else 10_000_000
-            report = run_fuzzer(size, seed, progress=lambda done: progress("fuzzing the parser", done / size))
-            facts["fuzz"] = {**dataclasses.asdict(report), "passed": report.passed}
-    _print_table(facts["rows"], "four boards at 500 Hz, virtual time (C table 5.4: 0 missed, about 1500 filled)")
-    _print_facts(facts["real_time"], "an exchange on a pseudo-terminal, real time")
-    _print_facts({key: facts[key] for key in bench.line_facts()}, "the line, (5.1)")
-    if fuzz:
-        _print_facts(facts["fuzz"], "parser fuzzer")
-    if json is not None:
-        write_results(json, "bench-serial", facts, robot=robot, seed=seed)
-    if fuzz and not facts["fuzz"]["passed"]:
-        raise CommandError("the fuzzer has found something.")
-
-
-@contextlib.contextmanager
-def _progress() -> Iterator[Callable[[str, float], None]]:
-    """A bar on a terminal, lines elsewhere."""
-    if _console.is_terminal:
-        with Progress(console=_console, transient=True) as bar:
-            task = bar.add_task("", total=1.0)
-            yield lambda what, share: bar.update(task, description=what, completed=share)
-        return
-    told = ""
-
-    def tell(what: str, share: float) -> None:
-        nonlocal told
-        line = f"{what}: {100 * share:.0f} %"
-        if line != told and round(100 * share) % 10 == 0:
-            told = line
-            print(line, file=sys.stderr, flush=True)
-
-    yield tell
-
-
-def _print_table(rows: Sequence[Mapping[str, Any]], title: str) -> None:
-    table = Table(title=title, title_justify="left")
-    for key in rows[0]:
-        table.add_column(key)
-    for row in rows:
-        table.add_row(*(_text(value) for value in row.values()))
-    _console.print(table)
-
-
-def _print_facts(facts: Mapping[str, Any], title: str) -> None:
-    table = Table(title=title, title_justify="left", show_header=False)
-    for key, value in facts.items():
-        table.add_row(key, _text(value))
-    _console.print(table)
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {_text(part)}" for key, part in value.items())
-    if isinstance(value, list | tuple):
-        return " ".join(_text(part) for part in value)
-    return f"{value:.5g}" if isinstance(value, float) else str(value)

@@ -106,8 +106,19 @@ class Rig:
         return bool(self.emulator.device.state()["energised"])
 
     def release(self) -> None:
-        until(lambda: self.workstation.release() == "", "the release is done")
-        until(lambda: self.state() == "follow" and self.energised(), "it follows")
+        """A busy machine may hold up the emulated line, which makes the robot limp: then it takes another release."""
+        until(lambda: self.workstation.release() == "" and self.state() == "follow" and self.energised(), "it follows")
+
+    def move_tail(self, to: float) -> None:
+        """Commands the tail to an angle [rad] until it is there; released again where it is limp meanwhile."""
+        self.workstation.tail = to
+
+        def there() -> bool:
+            if not self.energised():
+                self.workstation.release()
+            return abs(self.tail() - to) < 0.01
+
+        until(there, "the tail is there")
 
     def tail(self) -> float:
         return float(self.emulator.device.plant.sensors().positions[SERVOS.index("tail")])

@@ -7,8 +7,8 @@ import json
 import pytest
 
 from nermo_hw.bench import serial as bench_serial
+from nermo_hw.bench.cli import bench_app
 from nermo_hw.bench.serial import Scenario, track
-from nermo_hw.cli import bench_app
 from nermo_hw.sbcp.fuzz import fuzz
 
 DURATION = 100.0

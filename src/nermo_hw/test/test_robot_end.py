@@ -33,8 +33,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
 def test_it_is_limp_until_released_and_then_follows_the_commands(rig: Rig) -> None:
     assert not rig.energised()
     rig.release()
-    rig.workstation.tail = 0.5
-    until(lambda: abs(rig.tail() - 0.5) < 0.01, "the tail is there")
+    rig.move_tail(0.5)
 
 
 def test_a_board_without_sensors_is_released_and_follows_too(tmp_path: Path) -> None:
@@ -43,8 +42,7 @@ def test_a_board_without_sensors_is_released_and_follows_too(tmp_path: Path) -> 
     try:
         until(lambda: rig.workstation.states > 10, "sensor data comes")
         rig.release()
-        rig.workstation.tail = 0.5
-        until(lambda: abs(rig.tail() - 0.5) < 0.01, "the tail is there")
+        rig.move_tail(0.5)
     finally:
         rig.close()
 
@@ -53,7 +51,7 @@ def test_a_stop_lasts_until_nobody_says_stop_and_somebody_releases(rig: Rig) -> 
     rig.release()
     rig.workstation.stop(True)
     until(lambda: rig.state() == "limp" and not rig.energised(), "it is limp")
-    assert rig.states()[-1]["causes"] == ["emergency_stop"]
+    until(lambda: rig.states()[-1]["causes"] == ["emergency_stop"], "and says why")
     refusal = "emergency_stop (pad still says stop: end it there first)"
     until(lambda: rig.workstation.release() == refusal, "the release is refused, and says by whom")
     rig.workstation.stop(False)
@@ -84,9 +82,8 @@ def test_a_signal_stops_it_until_it_is_released(rig: Rig) -> None:
 
 
 def test_a_second_workstation_does_not_move_it_and_is_named(rig: Rig) -> None:
-    rig.workstation.tail = 0.5
     rig.release()
-    until(lambda: abs(rig.tail() - 0.5) < 0.01, "the first one commands")
+    rig.move_tail(0.5)
     other = Workstation(rig.link, "lap")
     other.tail = -0.5
     tails = []
@@ -94,14 +91,14 @@ def test_a_second_workstation_does_not_move_it_and_is_named(rig: Rig) -> None:
     def refused() -> bool:
         tails.append(rig.tail())
         refusal = "refused: lap has to wait, desk commands until it is silent for 0.5 s"
-        return bool(rig.workstation.told["robot_end: owner"]["message"] == refusal)
+        return bool(rig.workstation.told.get("robot_end: owner", {}).get("message") == refusal)
 
     try:
         until(refused, "it is refused and named")
     finally:
         other.close()
-    # On a busy machine a command of the first one may be late, and the robot holds for a moment.
-    until(lambda: rig.state() == "follow", "it follows the first one")
+    # On a busy machine a command of the first one, or the line, may be late, and the robot holds for a moment.
+    rig.release()
     assert [*tails, rig.tail()] == pytest.approx([0.5] * (len(tails) + 1), abs=0.01)
 
 

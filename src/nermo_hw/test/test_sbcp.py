@@ -125,7 +125,10 @@ def limited(values, largest, lower=None):
     return np.clip(values, -largest if lower is None else lower, largest)
 
 
-@given(st.lists(st.floats(-100, 100) | st.just(math.nan), min_size=15, max_size=15))
+READINGS = 13 + len(boards.TACTILE_CHANNELS)
+
+
+@given(st.lists(st.floats(-100, 100) | st.just(math.nan), min_size=READINGS, max_size=READINGS))
 def test_sensor_data_survives_the_line_or_saturates_and_no_reading_is_told(values):
     answer = boards.ServoAnswer(
         *(7, 0x3F, 0x0511, 2**32 + 5),

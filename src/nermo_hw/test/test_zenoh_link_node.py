@@ -6,16 +6,13 @@ import math
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from graph_bench import GraphBench
 from link_rig import PATIENCE_S, ROBOT, SERVOS, Rig
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import BatteryState, Imu, JointState
 from std_msgs.msg import Bool
@@ -28,24 +25,13 @@ from nermo_node import qos
 
 
 @pytest.fixture
-def bench() -> Iterator[Node]:
-    rclpy.init()
-    node = Node("bench", namespace="nermo")
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    yield node
-    node.destroy_node()
-    rclpy.shutdown()
+def bench() -> Iterator[GraphBench]:
+    made = GraphBench(namespace="nermo")
+    yield made
+    made.close()
 
 
-def spin_until(node: Node, condition: Callable[[], object], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, f"waited in vain until {what}"
-        node.executor.spin_once(timeout_sec=0.05)
-
-
-def test_the_graph_moves_the_robot_at_the_far_end(bench: Node, tmp_path: Path) -> None:
+def test_the_graph_moves_the_robot_at_the_far_end(bench: GraphBench, tmp_path: Path) -> None:
     rig = Rig(tmp_path, workstation=False)
     code = "import sys; from nermo_hw.nodes.zenoh_link import main; sys.exit(main())"
     arguments = ["--ros-args", "-r", "__ns:=/nermo", "-p", f"link:={rig.link}"]
@@ -59,33 +45,33 @@ def test_the_graph_moves_the_robot_at_the_far_end(bench: Node, tmp_path: Path) -
             ("joint_states", JointState),
             ("battery", BatteryState),
         ):
-            bench.create_subscription(
+            bench.node.create_subscription(
                 kind, name, lambda message, name=name: seen.update({name: message}), qos.BEST_EFFORT
             )
         statuses: dict[str, str] = {}
-        bench.create_subscription(
+        bench.node.create_subscription(
             DiagnosticArray,
             "/diagnostics",
             lambda message: statuses.update({status.name: status.message for status in message.status}),
             10,
         )
-        commands = bench.create_publisher(ServoCommand, "servo_command", qos.COMMAND)
-        spin_until(bench, lambda: len(seen) == 5, "all sensor data has come")
+        commands = bench.node.create_publisher(ServoCommand, "servo_command", qos.COMMAND)
+        bench.until(lambda: len(seen) == 5, "all sensor data has come")
         assert list(seen["servo_states"].name) == SERVOS
         assert seen["battery"].voltage > 6.0
         assert seen["imu/data_raw"].orientation.w == pytest.approx(1.0, abs=1e-3)
-        spin_until(bench, lambda: "robot_end: safety" in statuses, "the robot's diagnostics have come")
+        bench.until(lambda: "robot_end: safety" in statuses, "the robot's diagnostics have come")
         assert statuses["robot_end: safety"].startswith("limp: start")
 
-        client = bench.create_client(Trigger, "zenoh_link/release")
-        spin_until(bench, client.service_is_ready, "the service is there")
+        client = bench.node.create_client(Trigger, "zenoh_link/release")
+        bench.until(client.service_is_ready, "the service is there")
 
         def refusal() -> str:
             future = client.call_async(Trigger.Request())
-            spin_until(bench, future.done, "the service answers")
+            bench.until(future.done, "the service answers")
             return str(future.result().message)
 
-        spin_until(bench, lambda: refusal() == "", "the robot is released")
+        bench.until(lambda: refusal() == "", "the robot is released")
         tail = SERVOS.index("tail")
 
         def there() -> bool:
@@ -95,20 +81,26 @@ def test_the_graph_moves_the_robot_at_the_far_end(bench: Node, tmp_path: Path) -
             commands.publish(command)
             return abs(seen["servo_states"].position[tail] - 0.5) < 0.02
 
-        spin_until(bench, there, "the tail is there")
+        def there_at_last() -> bool:
+            # A busy machine may hold up the emulated line, which makes the robot limp: then it takes another release.
+            if not rig.energised():
+                refusal()
+            return there()
 
-        stops = bench.create_publisher(Bool, "emergency_stop", qos.LATCHED)
+        bench.until(there_at_last, "the tail is there")
+
+        stops = bench.node.create_publisher(Bool, "emergency_stop", qos.LATCHED)
         refused = "emergency_stop (/nermo/bench still says stop: end it there first)"
         for _ in range(2):
             stops.publish(Bool(data=True))
-            spin_until(bench, lambda: not rig.energised(), "the stop has taken the power")
-            spin_until(bench, lambda: refusal() == refused, "the release is refused in words")
+            bench.until(lambda: not rig.energised(), "the stop has taken the power")
+            bench.until(lambda: refusal() == refused, "the release is refused in words")
             stops.publish(Bool(data=False))
             assert not rig.energised(), "the end of the stop is no release"
         node.send_signal(signal.SIGUSR1)
         waits = "limp: emergency_stop (/nermo/bench and SIGUSR1 have said stop and wait for a release)"
-        spin_until(bench, lambda: statuses["robot_end: safety"].startswith(waits), "a signal to the node is a stop too")
-        spin_until(bench, lambda: refusal() == "" and there(), "a release has given the power back")
+        bench.until(lambda: statuses["robot_end: safety"].startswith(waits), "a signal to the node is a stop too")
+        bench.until(lambda: refusal() == "" and there(), "a release has given the power back")
         node.send_signal(signal.SIGINT)
         assert node.wait(PATIENCE_S) == 0
     finally:

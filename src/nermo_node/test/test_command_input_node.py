@@ -18,7 +18,7 @@ from nermo_node.command_input import CommandInput
 from nermo_node.run import EventsExecutor
 from nermo_node.time import to_message, to_nanoseconds
 
-PATIENCE_S = 30.0
+PATIENCE_S = 90.0
 NOW = 42 * 10**9
 
 

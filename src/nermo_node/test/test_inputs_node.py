@@ -19,7 +19,7 @@ from nermo_node import qos
 from nermo_node.inputs import LARGEST_MESSAGE, Inputs
 from nermo_node.run import EventsExecutor
 
-PATIENCE_S = 30.0
+PATIENCE_S = 90.0
 
 
 class Door:

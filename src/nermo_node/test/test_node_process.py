@@ -6,31 +6,23 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from graph_bench import PATIENCE_S, GraphBench
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 
-PATIENCE_S = 30.0
 SUBJECT = Path(__file__).with_name("subject_node.py")
 
 
 @pytest.fixture
-def bench() -> Iterator[Node]:
-    rclpy.init()
-    node = Node("bench")
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    yield node
-    node.destroy_node()
-    rclpy.shutdown()
+def bench() -> Iterator[GraphBench]:
+    made = GraphBench()
+    yield made
+    made.close()
 
 
 @pytest.fixture
@@ -48,31 +40,15 @@ def start() -> Iterator[Callable[..., subprocess.Popen[str]]]:
 
     yield begin
     for process in processes:
-        if process.poll() is None:
-            process.kill()
-            process.communicate()
+        process.terminate()
+        process.communicate(timeout=PATIENCE_S)
 
 
-def spin_until(node: Node, condition: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, f"waited in vain until {what}"
-        node.executor.spin_once(timeout_sec=0.05)
-
-
-def call(node: Node, kind: type, name: str, request: object) -> object:
-    client = node.create_client(kind, name)
-    spin_until(node, client.service_is_ready, f"{name} is there")
-    future = client.call_async(request)
-    spin_until(node, future.done, f"{name} answers")
-    return future.result()
-
-
-def test_a_change_is_checked_by_the_model_and_handed_over(bench: Node, start: Callable) -> None:
+def test_a_change_is_checked_by_the_model_and_handed_over(bench: GraphBench, start: Callable) -> None:
     start("-p", "gain:=0.5", "-r", "__ns:=/here")
     statuses: list[DiagnosticStatus] = []
-    bench.create_subscription(DiagnosticArray, "/diagnostics", lambda message: statuses.extend(message.status), 10)
-    spin_until(bench, lambda: bool(statuses), "diagnostics come")
+    bench.node.create_subscription(DiagnosticArray, "/diagnostics", lambda message: statuses.extend(message.status), 10)
+    bench.until(lambda: bool(statuses), "diagnostics come")
     assert (statuses[0].name, statuses[0].message) == ("here/subject: gain", "gain 0.5")
     assert statuses[0].hardware_id == "bench"
 
@@ -81,28 +57,28 @@ def test_a_change_is_checked_by_the_model_and_handed_over(bench: Node, start: Ca
             name="gain", value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
         )
         request = SetParameters.Request(parameters=[parameter])
-        return call(bench, SetParameters, "/here/subject/set_parameters", request).results[0]
+        return bench.call(SetParameters, "/here/subject/set_parameters", request).results[0]
 
     for bad in (7.0, float("nan"), 1.5):
         refused = set_gain(bad)
         assert not refused.successful
         assert "gain" in refused.reason
     assert set_gain(0.75).successful
-    statuses.clear()
-    spin_until(bench, lambda: bool(statuses), "diagnostics come again")
-    assert statuses[0].message == "gain 0.75"
+    bench.until(lambda: statuses[-1].message == "gain 0.75", "diagnostics tell the change")
 
-    description = call(
-        bench, DescribeParameters, "/here/subject/describe_parameters", DescribeParameters.Request(names=["gain"])
+    description = bench.call(
+        DescribeParameters, "/here/subject/describe_parameters", DescribeParameters.Request(names=["gain"])
     ).descriptors[0]
     assert description.description == "A gain [m]"
     assert (description.floating_point_range[0].from_value, description.floating_point_range[0].to_value) == (0.0, 2.0)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_cleanly(bench: Node, start: Callable, number: signal.Signals) -> None:
+def test_a_signal_ends_it_cleanly(bench: GraphBench, start: Callable, number: signal.Signals) -> None:
+    said: list[DiagnosticArray] = []
+    bench.node.create_subscription(DiagnosticArray, "/diagnostics", said.append, 10)
     process = start()
-    spin_until(bench, lambda: bench.count_publishers("/diagnostics") == 1, "the node is there")
+    bench.until(lambda: bool(said), "the node is there, and runs")
     process.send_signal(number)
     output, _ = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, "destroyed" in output, "Traceback" in output) == (0, True, False), output

@@ -4,33 +4,20 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from typing import Any
 
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from graph_bench import GraphBench
 from rclpy.qos import QoSProfile
 
 from nermo_interfaces.msg import ServoCommand, ServoStates
 
-PATIENCE = 60.0
-"""How long a condition may take [s]; on an idle machine all hold within two."""
 
-
-class Graph:
+class Graph(GraphBench):
     """Starts simulations, hears their topics, calls their services."""
 
     def __init__(self) -> None:
-        self._context = Context()
-        rclpy.init(context=self._context)
-        self.node = Node("tester", context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        self._processes: list[subprocess.Popen[str]] = []
+        super().__init__("tester")
         self._commands: dict[str, Any] = {}
         self._diagnostics = self.hear(DiagnosticArray, "/diagnostics")
 
@@ -38,14 +25,7 @@ class Graph:
         """Runs a simulation with ROS arguments and parameters."""
         for name, value in parameters.items():
             arguments += ("-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}")
-        process = subprocess.Popen(
-            [sys.executable, "-m", "nermo_sim.nodes.mujoco_sim", "--ros-args", *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        self._processes.append(process)
-        return process
+        return self.begin([sys.executable, "-m", "nermo_sim.nodes.mujoco_sim", "--ros-args", *arguments])
 
     def hear(self, kind: type, topic: str) -> list[Any]:
         """A list that every message of a topic is appended to."""
@@ -53,55 +33,29 @@ class Graph:
         self.node.create_subscription(kind, topic, heard.append, QoSProfile(depth=1000))
         return heard
 
-    def until(self, condition: Callable[[], Any], what: str) -> None:
-        """Serves the test's node until something holds."""
-        deadline = time.monotonic() + PATIENCE
-        while not condition():
-            assert time.monotonic() < deadline, f"waited {PATIENCE} s in vain until {what}"
-            self._executor.spin_once(timeout_sec=0.02)
-
-    def call(self, kind: type, name: str, **fields: Any) -> Any:
-        """Response of a service."""
-        client = self.node.create_client(kind, name)
-        self.until(client.service_is_ready, f"service {name} is there")
-        future = client.call_async(kind.Request(**fields))
-        self.until(future.done, f"service {name} has answered")
-        self.node.destroy_client(client)
-        return future.result()
-
     def command(self, states: ServoStates, namespace: str = "", **changes: Any) -> None:
         """Sends a servo command that answers `states` and stays there, but for `changes` of its fields."""
         message = ServoCommand(name=states.name, position=states.position)
         message.header.stamp = states.header.stamp
         for name, value in changes.items():
             setattr(message, name, value)
-        topic = f"{namespace}/servo_command"
-        if topic not in self._commands:
-            self._commands[topic] = self.node.create_publisher(ServoCommand, topic, 1)
-            self.until(lambda: self._commands[topic].get_subscription_count() > 0, f"{topic} is heard")
-        self._commands[topic].publish(message)
+        self.until(lambda: self.hears(namespace), "commands are heard")
+        self._commands[namespace].publish(message)
+
+    def hears(self, namespace: str = "") -> bool:
+        """Whether servo commands are heard: what is answered before is old by then."""
+        if namespace not in self._commands:
+            self._commands[namespace] = self.node.create_publisher(ServoCommand, f"{namespace}/servo_command", 1)
+        return bool(self._commands[namespace].get_subscription_count() > 0)
 
     def status(self, name: str = "mujoco_sim") -> dict[str, str]:
         """Newest diagnostics of a simulation, with its `level` and `message`; empty before the first."""
-        for array in reversed(self._diagnostics):
-            for status in array.status:
-                if status.name.startswith(f"{name}:"):
-                    values = {pair.key: pair.value for pair in status.values}
-                    return {**values, "level": str(status.level[0]), "message": status.message}
-        return {}
+        if not (statuses := self.statuses(name)):
+            return {}
+        values = {pair.key: pair.value for pair in statuses[-1].values}
+        return {**values, "level": str(statuses[-1].level[0]), "message": statuses[-1].message}
 
-    def end(self, process: subprocess.Popen[str]) -> tuple[int, str]:
-        """Exit status and output of a process after SIGTERM, or as it has ended by itself."""
-        process.terminate()
-        output, _ = process.communicate(timeout=PATIENCE)
-        return process.returncode, output
-
-    def close(self) -> None:
-        """Ends everything."""
-        for process in self._processes:
-            if process.poll() is None:
-                process.kill()
-            process.communicate()
-        self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self._context)
+    def statuses(self, name: str) -> list[DiagnosticStatus]:
+        """All diagnostics of a simulation; of each message the first."""
+        found = [[each for each in array.status if each.name.startswith(f"{name}:")] for array in self._diagnostics]
+        return [statuses[0] for statuses in found if statuses]

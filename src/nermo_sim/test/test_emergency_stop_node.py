@@ -40,7 +40,7 @@ class Stopped:
         self._publishers[source] = self.graph.node.create_publisher(Bool, "emergency_stop", qos.LATCHED)
 
     def release(self) -> str:
-        return str(self.graph.call(Trigger, "mujoco_sim/release").message)
+        return str(self.graph.call(Trigger, "mujoco_sim/release", Trigger.Request()).message)
 
     def limp(self) -> bool:
         return self.graph.status().get("servos") == "nothing: no power"

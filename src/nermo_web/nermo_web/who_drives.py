@@ -9,7 +9,8 @@ import math
 from dataclasses import dataclass, replace
 
 from nermo_control.driver import Driver
-from nermo_control.types import SPINE_FUNCTIONS, ControlCommand, Posture
+from nermo_control.spine.functions import SPINE_FUNCTIONS
+from nermo_control.types import ControlCommand, Posture
 from nermo_description.silence import OWNER, STICK
 from nermo_web.door import Settings, Stick, Take
 

@@ -46,6 +46,21 @@ Recordings = Annotated[
 Model = Annotated[Path, typer.Option(help="The nominal model, an MJCF.")]
 MapFile = Annotated[Path, typer.Option("--map", help="YAML that maps columns or topics to actuators and sensors.")]
 
+# Of every command that diagnoses, nermo_gap's too.
+Out = Annotated[
+    Path | None, typer.Option(help="Folder for diagnosis.json and report.html; `diagnosis` without --json.")
+]
+DiagnosisFile = Annotated[Path | None, typer.Option("--json", help="File for the diagnosis.")]
+OwnEffects = Annotated[list[Path] | None, typer.Option(help="Python files with effects of your own.")]
+Only = Annotated[list[str] | None, typer.Option(help="Consider this effect only (may be repeated).")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")]
+Baselines = Annotated[bool, typer.Option(help="Also fit everything at once, for comparison.")]
+Budget = Annotated[float | None, typer.Option(min=1.0, help="Seconds that it may take; the best answer by then.")]
+Reference = Annotated[
+    list[Path] | None,
+    typer.Option(help="A recording of the same robot when it was well (may be repeated): what has changed since?"),
+]
+
 
 @app.callback()
 def _simgap() -> None:
@@ -63,21 +78,14 @@ def diagnose_command(
     recordings: Recordings,
     model: Model,
     map_: MapFile,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for diagnosis.json and report.html; `diagnosis` without --json.")
-    ] = None,
-    json_: Annotated[Path | None, typer.Option("--json", help="File for the diagnosis.")] = None,
-    effects: Annotated[list[Path] | None, typer.Option(help="Python files with effects of your own.")] = None,
-    only: Annotated[list[str] | None, typer.Option(help="Consider this effect only (may be repeated).")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
-    baselines: Annotated[bool, typer.Option(help="Also fit everything at once, for comparison.")] = True,
-    budget: Annotated[
-        float | None, typer.Option(min=1.0, help="Seconds that it may take; the best answer by then.")
-    ] = None,
-    reference: Annotated[
-        list[Path] | None,
-        typer.Option(help="A recording of the same robot when it was well (may be repeated): what has changed since?"),
-    ] = None,
+    out: Out = None,
+    json_: DiagnosisFile = None,
+    effects: OwnEffects = None,
+    only: Only = None,
+    seed: Seed = 0,
+    baselines: Baselines = True,
+    budget: Budget = None,
+    reference: Reference = None,
     each: Annotated[
         bool, typer.Option("--each", help="Each recording by itself, in a folder of OUT that has its name.")
     ] = False,

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from nermo_gap.protocol.pieces import REST
 from nermo_gap.protocol.scene import BAG_FOLDER, SceneFile
+from nermo_gap.protocol.types import REST
 from nermo_gap.robots.mcap_table import TRACKERS
 from nermo_node.recording_reader import Recording, RecordingError
 from nermo_sim.experiments.on_robot import Way

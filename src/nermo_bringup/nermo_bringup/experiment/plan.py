@@ -12,9 +12,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from nermo_control.types import ControlCommand
 from nermo_description.parameter_files import read_yaml, validate, write_yaml
 from nermo_description.results import CommandError
-from nermo_gap.protocol.pieces import REST, Piece, Segment
 from nermo_gap.protocol.scene import BAG_FOLDER, SceneFile, scene_of
 from nermo_gap.protocol.standard import clock
+from nermo_gap.protocol.types import REST, Piece, Segment
 from nermo_sim.experiments.experiment import QUICK_DISTANCE
 from nermo_sim.experiments.on_robot import LONGEST, SHORTEST, OnRobot, RobotRequest
 from nermo_sim.experiments.runs import Case, Settings

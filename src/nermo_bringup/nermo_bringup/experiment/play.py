@@ -9,8 +9,8 @@ from nermo_bringup.experiment.plan import Plan, Run
 from nermo_bringup.protocol.session import SPOILED, LeftError, Session, session
 from nermo_description.results import CommandError
 from nermo_description.robots import load_robot
-from nermo_gap.protocol.pieces import Protocol
 from nermo_gap.protocol.through_graph import Request
+from nermo_gap.protocol.types import Protocol
 from nermo_sim.experiments.on_robot import RobotRequest, Target
 
 

@@ -17,6 +17,7 @@ from nermo_hw.device.setup import EmulatorSettings
 from nermo_hw.nodes.device_emulator import DeviceEmulatorNode
 from nermo_node import qos
 from nermo_node.run import run
+from nermo_sim.nodes.sensor_publishers import fill_odometry
 from nermo_sim.twin import BaseState
 
 
@@ -46,12 +47,7 @@ class TwinDeviceNode(DeviceEmulatorNode):
         message = Odometry(child_frame_id="base_link")
         message.header.stamp = self.get_clock().now().to_msg()
         message.header.frame_id = "odom"
-        pose, twist = message.pose.pose, message.twist.twist
-        pose.position.x, pose.position.y, pose.position.z = state.position
-        q = pose.orientation
-        q.w, q.x, q.y, q.z = state.quaternion
-        twist.linear.x, twist.linear.y, twist.linear.z = state.linear_velocity
-        twist.angular.x, twist.angular.y, twist.angular.z = state.angular_velocity
+        fill_odometry(message, state)
         self._truth.publish(message)
 
 

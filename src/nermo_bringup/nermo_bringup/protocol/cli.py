@@ -6,6 +6,7 @@ from pathlib import Path
 
 from nermo_bringup.network import use_network
 from nermo_gap import cli
+from nermo_gap.protocol.cli import hand_in
 from nermo_gap.protocol.through_graph import Request
 
 gap_app = cli.gap_app
@@ -18,4 +19,4 @@ def _record(request: Request) -> list[Path]:
     return record_through_graph(request)
 
 
-cli.hand_in(_record)
+hand_in(_record)

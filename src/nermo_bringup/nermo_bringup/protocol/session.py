@@ -27,9 +27,9 @@ from nermo_description.parameter_files import write_yaml
 from nermo_description.results import CommandError
 from nermo_description.stand import Stand
 from nermo_gap.protocol.conduct import STAND, Conductor, Played
-from nermo_gap.protocol.pieces import Segment
 from nermo_gap.protocol.scene import BAG_FOLDER, SCENE_FILE, SceneFile
 from nermo_gap.protocol.through_graph import Request
+from nermo_gap.protocol.types import Segment
 from nermo_sim.experiments.on_robot import TWIN
 from simgap.data.errors import GapInputError
 

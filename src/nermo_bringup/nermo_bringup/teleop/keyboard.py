@@ -16,7 +16,8 @@ from contextlib import contextmanager
 from functools import partial
 
 from nermo_control.driver import Driver
-from nermo_control.types import SPINE_FUNCTIONS, ControlCommand, Posture
+from nermo_control.spine.functions import SPINE_FUNCTIONS
+from nermo_control.types import ControlCommand, Posture
 
 HOLD_S = 0.7
 """Longer than the usual delay before a held key repeats (0.25 to 0.66 s)."""

@@ -8,7 +8,8 @@ from functools import partial
 
 from nermo_bringup.teleop.pads import BUTTONS, Pad
 from nermo_control.driver import Driver
-from nermo_control.types import SPINE_FUNCTIONS, ControlCommand, Posture
+from nermo_control.spine.functions import SPINE_FUNCTIONS
+from nermo_control.types import ControlCommand, Posture
 from nermo_description.silence import STICK
 
 

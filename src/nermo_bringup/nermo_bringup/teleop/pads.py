@@ -10,7 +10,7 @@ from typing import Any, Self
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, create_model, model_validator
 
-from nermo_control.types import SPINE_FUNCTIONS
+from nermo_control.spine.functions import SPINE_FUNCTIONS
 from nermo_description.parameter_files import ParameterError, read_yaml, validate
 
 DIRECTION_THRESHOLD = 0.5

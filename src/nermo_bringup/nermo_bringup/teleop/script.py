@@ -13,7 +13,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, create_model, model_validator
 
 from nermo_bringup.recording.errors import RecordingError
-from nermo_control.types import SPINE_FUNCTIONS, ControlCommand, Posture, SpineModes, TrajectoryMode
+from nermo_control.spine.functions import SPINE_FUNCTIONS
+from nermo_control.types import ControlCommand, Posture, SpineModes, TrajectoryMode
 from nermo_description.parameter_files import read_yaml, validate
 from nermo_node.recording_reader import Recording, TopicData
 

@@ -22,6 +22,7 @@ from nermo_control import types
 from nermo_control.gait.gaits import GaitDefinition
 from nermo_control.gait.knowledge_base import GaitParameters, LegStride
 from nermo_control.path import Path
+from nermo_control.spine.functions import SPINE_FUNCTIONS
 from nermo_control.types import Phase, Posture, TrajectoryMode
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_description.robots import AnyRobot
@@ -397,11 +398,11 @@ def _leg_stride_from_message(message: msg.LegStride) -> LegStride:
 
 
 def _spine_modes_from_message(message: msg.SpineModes) -> types.SpineModes:
-    return types.SpineModes(*(getattr(message, name) for name in types.SPINE_FUNCTIONS))
+    return types.SpineModes(*(getattr(message, name) for name in SPINE_FUNCTIONS))
 
 
 def _spine_modes_to_message(modes: types.SpineModes) -> msg.SpineModes:
-    return msg.SpineModes(**{name: getattr(modes, name) for name in types.SPINE_FUNCTIONS})
+    return msg.SpineModes(**{name: getattr(modes, name) for name in SPINE_FUNCTIONS})
 
 
 def _enumeration(kind: type[Enumeration], field: str, value: int) -> Enumeration:

@@ -21,6 +21,7 @@ from simgap.blind.cli import (
     say,
     score_command,
 )
+from simgap.cli import Only
 from simgap.console import HELP, fail
 from simgap.execution.executors import PROCESSES
 
@@ -79,7 +80,7 @@ def diagnose_command(
     timeout: TimeoutOption = 1800.0,
     budget: BudgetOption = None,
     case: CaseOption = None,
-    only: Annotated[list[str] | None, typer.Option(help="Consider this effect only (may be repeated).")] = None,
+    only: Only = None,
     keep: KeepOption = False,
     answers: AnswersOption = None,
     executor: ExecutorOption = PROCESSES,

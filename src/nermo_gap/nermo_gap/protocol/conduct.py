@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from nermo_control.types import ControlCommand, Posture
 from nermo_description.parameters import RobotParameters
 from nermo_description.silence import TARGETS
-from nermo_gap.protocol.pieces import REST, Piece, Segment
+from nermo_gap.protocol.types import REST, Piece, Segment
 
 LEAD = 3.0
 """[s] of the stand before a piece that does not follow upon another: a crouched mouse stands up and comes to rest."""

@@ -12,9 +12,9 @@ from nermo_description.model import build_model
 from nermo_description.parameters import RobotParameters
 from nermo_description.stand import Stand
 from nermo_gap.protocol.looks import looker
-from nermo_gap.protocol.pieces import Protocol
 from nermo_gap.protocol.play import Body, play
 from nermo_gap.protocol.scene import setup_of
+from nermo_gap.protocol.types import Protocol
 from nermo_gap.robots.channels import Channels, resolution
 from nermo_gap.robots.diagnosis import options_for, placed, robot_plant, warm_up_of
 from simgap.data.align import align

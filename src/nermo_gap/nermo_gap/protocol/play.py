@@ -15,7 +15,7 @@ from nermo_control.types import ControlCommand, Posture
 from nermo_description.model import build_model
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_description.stand import Stand
-from nermo_gap.protocol.pieces import REST, Piece, Segment
+from nermo_gap.protocol.types import REST, Piece, Segment
 from nermo_gap.robots.channels import MARKERS
 from nermo_gap.robots.simulated import Noise, Rows
 from nermo_sim.loop import Script, schedule

@@ -10,9 +10,9 @@ import numpy as np
 from nermo_description.model import build_model
 from nermo_description.parameter_files import write_yaml
 from nermo_description.stand import Stand
-from nermo_gap.protocol.pieces import Protocol
 from nermo_gap.protocol.play import Body, play
 from nermo_gap.protocol.scene import SCENE_FILE, TABLE_FILE, SceneFile
+from nermo_gap.protocol.types import Protocol
 from simgap.data.errors import GapInputError
 
 

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from nermo_description.parameter_files import ParameterError, read_yaml
 from nermo_description.stand import Stand
 from nermo_gap.protocol.conduct import Played
-from nermo_gap.protocol.pieces import Protocol, Scene, Segment
+from nermo_gap.protocol.types import Protocol, Scene, Segment
 from simgap.data.errors import GapInputError
 from simgap.data.setup import Setup
 

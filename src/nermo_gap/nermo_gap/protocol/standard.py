@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.types import ControlCommand, Posture, SpineModes
 from nermo_description.parameters import LEGS, RobotParameters
-from nermo_gap.protocol.pieces import REST, Piece, Protocol, Segment, Wave
+from nermo_gap.protocol.types import REST, Piece, Protocol, Segment, Wave
 from nermo_gap.robots.channels import Channels
 from simgap.data.errors import GapInputError
 

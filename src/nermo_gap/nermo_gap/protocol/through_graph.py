@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nermo_description.parameters import RobotParameters
-from nermo_gap.protocol.pieces import Protocol
+from nermo_gap.protocol.types import Protocol
 from nermo_sim.experiments.on_robot import TWIN, DeadMan, Target
 
 

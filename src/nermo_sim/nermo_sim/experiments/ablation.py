@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nermo_control.types import SPINE_FUNCTIONS
+from nermo_control.spine.functions import SPINE_FUNCTIONS
 from nermo_sim.experiments.lookup import pick
 
 

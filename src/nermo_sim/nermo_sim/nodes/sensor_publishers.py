@@ -23,7 +23,7 @@ from nermo_node.time import to_message
 from nermo_sensors.models.foot import TactileFeet
 from nermo_sensors.parameters import tactile_of_robot
 from nermo_sim.sensor_data import SensorData
-from nermo_sim.twin import Twin
+from nermo_sim.twin import BaseState, Twin
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,13 +111,7 @@ class SensorPublishers:
         acceleration.x, acceleration.y, acceleration.z = sensors.linear_acceleration
 
     def _fill_odometry(self, message: Odometry, sensors: SensorData) -> None:
-        state = self._twin.base_state()
-        pose, twist = message.pose.pose, message.twist.twist
-        pose.position.x, pose.position.y, pose.position.z = state.position
-        q = pose.orientation
-        q.w, q.x, q.y, q.z = state.quaternion
-        twist.linear.x, twist.linear.y, twist.linear.z = state.linear_velocity
-        twist.angular.x, twist.angular.y, twist.angular.z = state.angular_velocity
+        fill_odometry(message, self._twin.base_state())
 
     def _fill_foot_forces(self, message: FootForces, sensors: SensorData) -> None:
         forces, touching = self._twin.foot_forces()
@@ -165,3 +159,13 @@ def _battery_message(battery: Battery) -> BatteryState:
         power_supply_status=BatteryState.POWER_SUPPLY_STATUS_DISCHARGING,
         present=True,
     )
+
+
+def fill_odometry(message: Odometry, state: BaseState) -> None:
+    """Sets pose and twist to the truth."""
+    pose, twist = message.pose.pose, message.twist.twist
+    pose.position.x, pose.position.y, pose.position.z = state.position
+    q = pose.orientation
+    q.w, q.x, q.y, q.z = state.quaternion
+    twist.linear.x, twist.linear.y, twist.linear.z = state.linear_velocity
+    twist.angular.x, twist.angular.y, twist.angular.z = state.angular_velocity

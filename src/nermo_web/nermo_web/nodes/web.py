@@ -14,7 +14,7 @@ from std_srvs.srv import SetBool
 
 from nermo_control.driver import FREQUENCY_RANGE_HZ, SPEED_STEPS, Driver, Limits
 from nermo_control.nodes.operator import Operator
-from nermo_control.types import SPINE_FUNCTIONS
+from nermo_control.spine.functions import SPINE_FUNCTIONS
 from nermo_description.robots import load_any_robot
 from nermo_node.complaints import Complaints
 from nermo_node.diagnostics import OK, Diagnostics, Status
