@@ -71,9 +71,9 @@ def cheap_cases() -> list[tuple[str, Any]]:
         *(("trot", frequency, strategy, 0.5) for frequency in (0.5, 0.8) for strategy in turning.STRATEGIES),
         ("lateral_walk", 0.8, "spine", 0.5),
     )
-    cases = {
+    cases: dict[str, Sequence[Any]] = {
         "straight-line": straight_line.cases(),
-        "turning": [turning.Case(*each) for each in (*locks, *arcs)],  # type: ignore[arg-type]
+        "turning": [turning.Case(*each) for each in (*locks, *arcs)],
         "balance": balance.cases(),
         "maze": maze.cases(),
     }
