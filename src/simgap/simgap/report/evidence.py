@@ -74,6 +74,7 @@ class Evidence:
     Attributes:
         curves: {(channel, unit): windows}, the channels with the largest gap first.
         ranking: best first.
+        unit: of what hypotheses gain, in words.
         qpos: a posture of the recording, (nq,).
         bodies: {body: names of the subsystems whose channels speak about it}.
         causes: {body: names of the effects that were found there}; a sensor's or the link's have no place.
@@ -84,6 +85,7 @@ class Evidence:
     qpos: Array
     curves: dict[tuple[str, str], list[Curve]] = field(default_factory=dict)
     ranking: list[Rank] = field(default_factory=list)
+    unit: str = "nats"
     bodies: dict[int, list[str]] = field(default_factory=dict)
     causes: dict[int, list[str]] = field(default_factory=dict)
     free: list[FreeCurve] = field(default_factory=list)
@@ -94,7 +96,7 @@ def gather(found: Diagnosis) -> Evidence:
     plant = found.selector.fitter.residuals.replayer.plant
     evidence = Evidence(plant.model, _posture(found))
     evidence.curves = _curves(found)
-    evidence.ranking = _ranking(found)
+    evidence.ranking, evidence.unit = _ranking(found), found.selector.scores.unit
     evidence.bodies = _bodies(found)
     evidence.causes = _causes(found)
     evidence.free = _free(found)

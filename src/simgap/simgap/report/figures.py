@@ -132,7 +132,7 @@ def band_map(report: Report) -> Drawing | None:
 
 
 def ranking(evidence: Evidence) -> Drawing | None:
-    """What each hypothesis gains on held-out data, with its interval."""
+    """What each hypothesis gains over nominal numbers alone, with its interval."""
     ranked = evidence.ranking
     if not ranked:
         return None
@@ -141,7 +141,7 @@ def ranking(evidence: Evidence) -> Drawing | None:
     edge = 0.04 * (high - low or 1.0)
     drawing = Drawing("ranking", WIDTH, TOP + ROW * len(names) + AXIS)
     panel = rows(drawing, names, (names_width(names, bold=True), WIDTH - 12.0), (low - edge, high + edge))
-    panel.x_axis("gain over the nominal model with its tolerances, on held-out data [nats]")
+    panel.x_axis(f"gain over the nominal model with its tolerances [{evidence.unit}]")
     panel.upright(0.0)
     panel.names(names, chosen)
     for i, rank in enumerate(ranked):
