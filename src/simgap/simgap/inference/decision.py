@@ -9,7 +9,7 @@ Vehtari, Simpson, Gelman 2018), so that what a few windows say is not taken for 
 a library is quite what a robot has, and the wrong one may bend a little better; a share `thresholds.LAW_ERROR` of what
 the weakest effect of the winner earns is counted as one nat, and never less than one.
 
-Of a robot that lands valleys are rough, and where a fold's fit ends is chance (`Scores.chance`). All share their
+Of a robot that lands valleys are rough, and where a fold's fit ends is chance (`Scores.roughness`). All share their
 nominal numbers, so the cost in sample, which is less a matter of chance, stands for the held-out one, with a nat for
 each parameter that learned of it; and L is never less than what of that is chance.
 """
@@ -74,7 +74,7 @@ class Evidence:
         kinds: (nh,) cost of the effects' number, kinds and places [nats].
         stated: (nh,) cost of being far from what somebody has stated [nats].
         gain: what the weakest effect of the winner earns [nats].
-        chance: how much of a cost is, of a robot that lands [nats].
+        roughness: how much of a cost is chance, of a robot that lands (`Scores.roughness`) [nats].
     """
 
     answers: NDArray[np.int64]
@@ -83,11 +83,11 @@ class Evidence:
     kinds: Array
     stated: Array
     gain: float
-    chance: float = 0.0
+    roughness: float = 0.0
 
     def weights(self, law_error: float = LAW_ERROR, sparsity: float = SPARSITY, seed: int = 0) -> Array:
         """Probability (nh,) of each hypothesis."""
-        heat = max(temperature(self.gain, law_error), self.chance)
+        heat = max(temperature(self.gain, law_error), self.roughness)
         # What somebody has stated is no law's matter: the temperature leaves it as it is.
         prior = self.prior + sparsity * self.kinds + heat * self.stated
         return probabilities(self.costs, prior, heat, seed)
@@ -101,7 +101,7 @@ class Evidence:
             "kinds": np.round(self.kinds, 3).tolist(),
             "stated": np.round(self.stated, 3).tolist(),
             "gain": float(self.gain),
-            "chance": float(self.chance),
+            "roughness": float(self.roughness),
             "unit": "nats",
         }
 
@@ -109,8 +109,8 @@ class Evidence:
     def of(cls, told: dict[str, Any]) -> Evidence:
         """From a report."""
         costs, prior, kinds, stated = (np.array(told[k], float) for k in ("costs", "prior", "kinds", "stated"))
-        gain, chance = float(told["gain"]), float(told.get("chance", 0.0))
-        return cls(np.array(told["answers"], np.int64), costs, prior, kinds, stated, gain, chance)
+        gain, roughness = float(told["gain"]), float(told.get("roughness", 0.0))
+        return cls(np.array(told["answers"], np.int64), costs, prior, kinds, stated, gain, roughness)
 
 
 def classes(
@@ -144,7 +144,7 @@ def classes(
         np.array([surprise(f, sites) for f in fits]) + np.log(max(len(sites), 1)) * number,
         np.array([f.hypothesis.implausible(f.x) for f in fits]),
         gain,
-        scores.chance,
+        scores.roughness,
     )
     weight = evidence.weights(seed=seed)
     groups: list[list[int]] = []

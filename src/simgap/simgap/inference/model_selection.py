@@ -204,7 +204,7 @@ def earns(
         relevant = any(after < (1.0 - RELEVANT) * before for before, after in shares) or strain > EVIDENCE
         relevant |= any(after - 1.0 < (1.0 - MOST) * (before - 1.0) for before, after in shares if before > 1.0)
     several, price = bool(without.fit.hypothesis.effects), float(np.log(max(looked_at, 1)))
-    if gain <= max((EVIDENCE_MORE if several else EVIDENCE) + price, BEST_OF_SEVERAL * scores.chance):
+    if gain <= max((EVIDENCE_MORE if several else EVIDENCE) + price, BEST_OF_SEVERAL * scores.roughness):
         return False
     # What shows in two pieces of a recording only is left out by many draws of blocks, but no accident of one of them.
     if low <= 0.0 and scores.without_best(without.fit, with_.fit) <= EVIDENCE_MORE + price:

@@ -121,7 +121,7 @@ class Scores:
         """
         if fit.likelihood is not None:
             return fit.likelihood
-        if self.chance == 0.0:
+        if self.roughness == 0.0:
             return fit.held_cost
         held = self.draws[0] > 0
         found: Array = np.where(held, self._fitter.seen(fit) + fit.hypothesis.size / held.sum(), np.nan)
@@ -130,10 +130,10 @@ class Scores:
     @property
     def unit(self) -> str:
         """Of what one hypothesis gains over another, in words."""
-        return "nats in sample, less one for each parameter" if self.chance else "nats on held-out data"
+        return "nats in sample, less one for each parameter" if self.roughness else "nats on held-out data"
 
     @property
-    def chance(self) -> float:
+    def roughness(self) -> float:
         """Standard deviation [nats] of a cost in sample, of a robot that lands: where a fit ends on rough ground.
 
         What a fit loses by not having seen a window differs by a nat or two a parameter, for all share their nominal

@@ -405,7 +405,7 @@ class Selector:
             gain, low, _ = self.scores.difference(base.fit, grown.fit)
             # What it has not seen it cannot foresee better than what it has; the rest is chance, as much as that shows.
             gain = min(gain, base.fit.cost - grown.fit.cost)
-            if gain > EVIDENCE + _BY_CHANCE * self.scores.chance and low > 0.0:
+            if gain > EVIDENCE + _BY_CHANCE * self.scores.roughness and low > 0.0:
                 result.best = self.candidates.to_the_end(grown)
 
     def _followed(self, scored: list[Scored], winner: Scored, without: Scored) -> tuple[list[Scored], Scored]:

@@ -36,21 +36,21 @@ def made() -> tuple[Fitter, Scores, Fit, Fit]:
     return fitter, Scores(fitter), nothing, rubbing
 
 
-def test_chance_is_how_far_what_fits_lose_by_not_seeing_scatters(
+def test_scores_are_as_rough_as_what_fits_lose_by_not_seeing_scatters(
     made: tuple[Fitter, Scores, Fit, Fit], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fitter, scores, *fits = made
     lost = [float(f.held_cost.sum() - fitter.seen(f).sum()) for f in fits]
     assert fitter.lost == pytest.approx(lost), "every cross-validated fit, in turn"
     monkeypatch.setattr(fitter, "lost", [2.0, 5.0, 12.0, 30.0, 45.0])
-    assert scores.chance == 0.0, "of a robot that touches nothing it is a law's fault"
+    assert scores.roughness == 0.0, "of a robot that touches nothing it is a law's fault"
     monkeypatch.setattr(fitter, "lands", True)
     # The median distance from the median, 12, is 10; of a normal distribution 0.6745 standard deviations.
-    assert scores.chance == pytest.approx(0.5 * 10.0 / 0.6745, rel=1e-3)
+    assert scores.roughness == pytest.approx(0.5 * 10.0 / 0.6745, rel=1e-3)
     monkeypatch.setattr(fitter, "lost", [7.0] * 5)
-    assert scores.chance == 0.0
+    assert scores.roughness == 0.0
     monkeypatch.setattr(fitter, "lost", [2.0, 5.0, 12.0])
-    assert scores.chance == 0.0, "three are too few"
+    assert scores.roughness == 0.0, "three are too few"
 
 
 def test_where_scores_are_rough_a_fit_is_told_by_what_it_saw_at_a_price_for_each_parameter(
@@ -66,10 +66,10 @@ def test_where_scores_are_rough_a_fit_is_told_by_what_it_saw_at_a_price_for_each
         assert scores.telling(fit).sum() == pytest.approx(by_hand), "here every window was held out once"
 
 
-@pytest.mark.parametrize(("chance", "odds"), [(0.0, np.exp(-8.0)), (4.0, np.exp(-2.0)), (16.0, np.exp(-0.5))])
-def test_nobody_is_surer_than_chance_allows(chance: float, odds: float) -> None:
+@pytest.mark.parametrize(("roughness", "odds"), [(0.0, np.exp(-8.0)), (4.0, np.exp(-2.0)), (16.0, np.exp(-0.5))])
+def test_nobody_is_surer_than_chance_allows(roughness: float, odds: float) -> None:
     # Eight nats in front, equally in all blocks; the gain is so small that a nat counts as one.
     costs, none = np.tile([[1.0], [3.0]], 4), np.zeros(2)
-    evidence = Evidence(np.arange(2), costs, none, none, none, 1.0, chance)
+    evidence = Evidence(np.arange(2), costs, none, none, none, 1.0, roughness)
     first, second = Evidence.of(json.loads(json.dumps(evidence.told()))).weights()
     assert second / first == pytest.approx(odds, rel=0.05)
