@@ -16,7 +16,7 @@ from simgap.data.plant import build_plant, load_spec
 from simgap.effects.base import Context
 from simgap.effects.library import enumerate_effects
 from simgap.inference.decision import Class
-from simgap.inference.model_selection import EVIDENCE_MORE, FURTHER, RELEVANT, earns
+from simgap.inference.model_selection import BEST_OF_SEVERAL, EVIDENCE_MORE, FURTHER, RELEVANT, earns
 from simgap.inference.nuisance import BOX, enumerate_nuisances
 from simgap.inference.screen import _directions
 from simgap.inference.verdict import shared
@@ -49,6 +49,7 @@ def test_a_further_cause_may_earn_a_tenth_of_the_first(gain: float, first: float
             difference=lambda worse, better: (gain, 0.5 * gain, 2.0 * gain),
             typical=lambda held: 20.0,
             overall=lambda held: 20.0,
+            roughness=0.0,
         ),
     )
     without, with_ = _scored(1), _scored(2)
@@ -74,8 +75,26 @@ def test_a_first_cause_takes_a_part_of_the_gap_or_most_of_what_is_above_the_floo
             typical=lambda held: held,
             overall=lambda held: held,
             free_error=lambda fit: fit.held,
+            roughness=0.0,
         ),
     )
+    assert earns(scores, without, with_, looked_at=100) == earned
+
+
+@pytest.mark.parametrize(("roughness", "earned"), [(0.0, True), (11.0, True), (12.0, False)])
+def test_what_the_best_of_several_gains_by_chance_is_not_earned(roughness: float, earned: bool) -> None:
+    without, with_ = _scored(0), _scored(1)
+    without.fit.held, with_.fit.held, without.fit.cost = 2.0, 1.0, 50.0
+    scores = cast(
+        Any,
+        SimpleNamespace(
+            difference=lambda worse, better: (40.0, 20.0, 60.0),
+            typical=lambda held: held,
+            overall=lambda held: held,
+            roughness=roughness,
+        ),
+    )
+    assert BEST_OF_SEVERAL == 3.4, "the cases are written for it"
     assert earns(scores, without, with_, looked_at=100) == earned
 
 
@@ -104,6 +123,7 @@ def test_a_cause_of_which_windows_show_little_must_tell_where_the_robot_goes_and
             overall=lambda held: held,
             without_best=lambda worse, better: without_best,
             free_error=lambda fit: 100.0 if fit is without.fit else free,
+            roughness=0.0,
         ),
     )
     assert (EVIDENCE_MORE, RELEVANT) == (16.0, 0.1), "the cases are written for these"
