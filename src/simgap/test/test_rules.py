@@ -40,17 +40,19 @@ def _scored(effects: int) -> Any:
     return SimpleNamespace(fit=fit, gap=1.0)
 
 
+def _scores(**told: Any) -> Any:
+    """What a fit leaves is its gap, here and where it runs free; nothing is a matter of chance."""
+    as_held = {"typical": lambda held: held, "overall": lambda held: held, "free_error": lambda fit: fit.held}
+    return SimpleNamespace(**{**as_held, "roughness": 0.0, **told})
+
+
 @pytest.mark.parametrize(("gain", "first", "earned"), [(40.0, 300.0, True), (40.0, 500.0, False), (15.0, 100.0, False)])
 def test_a_further_cause_may_earn_a_tenth_of_the_first(gain: float, first: float, earned: bool) -> None:
     """It leaves much: the share of what is left that it takes is small."""
-    scores = cast(
-        Any,
-        SimpleNamespace(
-            difference=lambda worse, better: (gain, 0.5 * gain, 2.0 * gain),
-            typical=lambda held: 20.0,
-            overall=lambda held: 20.0,
-            roughness=0.0,
-        ),
+    scores = _scores(
+        difference=lambda worse, better: (gain, 0.5 * gain, 2.0 * gain),
+        typical=lambda held: 20.0,
+        overall=lambda held: 20.0,
     )
     without, with_ = _scored(1), _scored(2)
     without.fit.cost, with_.fit.cost = gain, 0.0
@@ -68,16 +70,7 @@ def test_a_first_cause_takes_a_part_of_the_gap_or_most_of_what_is_above_the_floo
     without, with_ = _scored(0), _scored(1)
     without.fit.held, with_.fit.held = before, after
     without.fit.cost, without.gap, with_.gap = 50.0, before, after
-    scores = cast(
-        Any,
-        SimpleNamespace(
-            difference=lambda worse, better: (40.0, 20.0, 60.0),
-            typical=lambda held: held,
-            overall=lambda held: held,
-            free_error=lambda fit: fit.held,
-            roughness=0.0,
-        ),
-    )
+    scores = _scores(difference=lambda worse, better: (40.0, 20.0, 60.0))
     assert earns(scores, without, with_, looked_at=100) == earned
 
 
@@ -85,15 +78,7 @@ def test_a_first_cause_takes_a_part_of_the_gap_or_most_of_what_is_above_the_floo
 def test_what_the_best_of_several_gains_by_chance_is_not_earned(roughness: float, earned: bool) -> None:
     without, with_ = _scored(0), _scored(1)
     without.fit.held, with_.fit.held, without.fit.cost = 2.0, 1.0, 50.0
-    scores = cast(
-        Any,
-        SimpleNamespace(
-            difference=lambda worse, better: (40.0, 20.0, 60.0),
-            typical=lambda held: held,
-            overall=lambda held: held,
-            roughness=roughness,
-        ),
-    )
+    scores = _scores(difference=lambda worse, better: (40.0, 20.0, 60.0), roughness=roughness)
     assert BEST_OF_SEVERAL == 3.4, "the cases are written for it"
     assert earns(scores, without, with_, looked_at=100) == earned
 
@@ -115,16 +100,10 @@ def test_a_cause_of_which_windows_show_little_must_tell_where_the_robot_goes_and
     without, with_ = _scored(0), _scored(1)
     without.fit.held, with_.fit.held = 1.98, 1.92
     without.fit.cost, without.gap, with_.gap = 90.0, 1.98, 1.92
-    scores = cast(
-        Any,
-        SimpleNamespace(
-            difference=lambda worse, better: (80.0, low, 120.0),
-            typical=lambda held: held,
-            overall=lambda held: held,
-            without_best=lambda worse, better: without_best,
-            free_error=lambda fit: 100.0 if fit is without.fit else free,
-            roughness=0.0,
-        ),
+    scores = _scores(
+        difference=lambda worse, better: (80.0, low, 120.0),
+        without_best=lambda worse, better: without_best,
+        free_error=lambda fit: 100.0 if fit is without.fit else free,
     )
     assert (EVIDENCE_MORE, RELEVANT) == (16.0, 0.1), "the cases are written for these"
     assert earns(scores, without, with_, looked_at=100) == earned
