@@ -169,9 +169,9 @@ def _with_effects(verdict: Verdict, selector: Selector, selection: Selection) ->
         verdict.kind = "ambiguous"
         alike = verdict.equivalent[0]
         verdict.reasons.append(
-            f"held-out data do not tell these apart: {', '.join(alike)}"
+            f"the data do not tell these apart: {', '.join(alike)}"
             if len(alike) > 1
-            else f"held-out data do not tell whether {alike[0]} acts at all"
+            else f"the data do not tell whether {alike[0]} acts at all"
         )
     else:
         gain, low, high = selection.gains[-1]
