@@ -150,29 +150,36 @@ class Candidates:
         assert fitter.nominal is not None
         with fitter.sensitivities_kept():
             fitter.jacobian = fitter.nominal_jacobian
-            return self._screened(fitter.nominal, (0.0, 0.5 if self.effort.twice else 1.0))
+            return self._screened(fitter.nominal, (0.0, 0.5 if self.effort.twice else 1.0), Glance())
 
     def most_promising(self, screened: Sequence[Screened], reference: Fit) -> list[Start]:
         """The starts to fit: the best of a screening, or also of one about ``reference`` where the effort says so."""
         starts = [(s.effect, s.x, s.z) for s in screened[: self.effort.survivors]]
         if not self.effort.twice:
             return starts
-        other = self._screened(reference, (0.5, 1.0))
+        # Afresh: about numbers that fit, of what lands, a change is not what it is about nominal ones.
+        other = self._screened(reference, (0.5, 1.0), Glance())
         foremost = [s for one in (screened, other) for s in _foremost(one, self.effort.survivors)]
         starts = [(s.effect, s.x, s.z) for s in foremost]
         self.say("compare", 0.0)
         starts += spoken_for(self.fitter, self.effects, fit_loosely(self.fitter), _LOOSE)
-        return self._compared(starts)[: self.effort.survivors]
+        return self._compared(starts, reference.z)[: self.effort.survivors]
 
-    def _compared(self, starts: Sequence[Start]) -> list[Start]:
-        """Each effect from the better of its starts, as far as a few steps of a fit take it, leaders as many more."""
+    def _compared(self, starts: Sequence[Start], fitted_z: Array) -> list[Start]:
+        """Each effect from the better of its starts, as far as a few steps of a fit take it, leaders as many more.
+
+        By the sensitivities about the nominal numbers or about ``fitted_z``, whichever are nearer.
+        """
         fitter = self.fitter
         assert fitter.nominal is not None
         chosen = informative_windows(fitter, fitter.nominal, _COMPARED)
         select = chosen if len(chosen) < len(fitter.windows) else None
 
         def fitted(effect: Effect, x: Array, z: Array, known: Array | None = None) -> Fit:
-            return fitter.fit(Hypothesis((effect,)), x, z, _GLIMPSE, known, select=select, roughly=True)
+            with fitter.sensitivities_kept():
+                if np.linalg.norm(z) < np.linalg.norm(z - fitted_z):
+                    fitter.jacobian = fitter.nominal_jacobian
+                return fitter.fit(Hypothesis((effect,)), x, z, _GLIMPSE, known, select=select, roughly=True)
 
         best: dict[int, tuple[float, Start, Array]] = {}
         for i, start in enumerate(starts):
@@ -195,7 +202,7 @@ class Candidates:
             further.append(fitted(fit.hypothesis.effects[0], fit.x, fit.z, known))
         return [(f.hypothesis.effects[0], f.x, f.z) for f in sorted(further, key=lambda f: f.cost)]
 
-    def _screened(self, fit: Fit, span: tuple[float, float]) -> list[Screened]:
+    def _screened(self, fit: Fit, span: tuple[float, float], glance: Glance) -> list[Screened]:
         low, high = span
         return screen(
             self.fitter,
@@ -205,7 +212,7 @@ class Candidates:
             self.effort.hopeful,
             thorough=self.effort.twice,
             windows=_COMPARED if self.effort.twice else WINDOWS,
-            glance=self._glance if self.effort.twice else None,
+            glance=glance,
         )
 
     def fitted(self, starts: Sequence[Start], base: Scored) -> list[Scored]:
