@@ -66,6 +66,23 @@ def test_where_scores_are_rough_a_fit_is_told_by_what_it_saw_at_a_price_for_each
         assert scores.telling(fit).sum() == pytest.approx(by_hand), "here every window was held out once"
 
 
+def test_where_scores_are_rough_what_is_left_is_what_a_fit_leaves_in_sample(
+    made: tuple[Fitter, Scores, Fit, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fitter, scores, *fits = made
+    for fit in fits:
+        np.testing.assert_array_equal(scores.left(fit), fit.held)
+    monkeypatch.setattr(fitter, "lands", True)
+    monkeypatch.setattr(fitter, "lost", [2.0, 5.0, 12.0, 30.0, 45.0])
+    for fit in fits:
+        np.testing.assert_allclose(scores.left(fit), fitter.mean_square(fit.residual))
+    assert scores.gap(scores.left(fits[1])) < scores.gap(fits[1].held), "friction was fitted to what it saw"
+    # A window that no fold holds out is judged by neither.
+    fits[0].held[0] = np.nan
+    assert np.isnan(scores.left(fits[0])[0]).all()
+    assert np.isfinite(scores.left(fits[0])[1:]).all()
+
+
 @pytest.mark.parametrize(("roughness", "odds"), [(0.0, np.exp(-8.0)), (4.0, np.exp(-2.0)), (16.0, np.exp(-0.5))])
 def test_nobody_is_surer_than_chance_allows(roughness: float, odds: float) -> None:
     # Eight nats in front, equally in all blocks; the gain is so small that a nat counts as one.

@@ -37,12 +37,13 @@ def _scored(effects: int) -> Any:
         cost=0.0,
         held=None,
     )
-    return SimpleNamespace(fit=fit, gap=1.0)
+    return SimpleNamespace(fit=fit)
 
 
 def _scores(**told: Any) -> Any:
     """What a fit leaves is its gap, here and where it runs free; nothing is a matter of chance."""
-    as_held = {"typical": lambda held: held, "overall": lambda held: held, "free_error": lambda fit: fit.held}
+    itself = {measure: lambda held: held for measure in ("typical", "overall", "gap")}
+    as_held = {**itself, "left": lambda fit: fit.held, "free_error": lambda fit: fit.held}
     return SimpleNamespace(**{**as_held, "roughness": 0.0, **told})
 
 
@@ -69,7 +70,7 @@ def test_a_first_cause_takes_a_part_of_the_gap_or_most_of_what_is_above_the_floo
 ) -> None:
     without, with_ = _scored(0), _scored(1)
     without.fit.held, with_.fit.held = before, after
-    without.fit.cost, without.gap, with_.gap = 50.0, before, after
+    without.fit.cost = 50.0
     scores = _scores(difference=lambda worse, better: (40.0, 20.0, 60.0))
     assert earns(scores, without, with_, looked_at=100) == earned
 
@@ -99,7 +100,7 @@ def test_a_cause_of_which_windows_show_little_must_tell_where_the_robot_goes_and
     """It gains enough, and takes 3 % of the gap: that of a double pendulum's friction, whose start is forgiven."""
     without, with_ = _scored(0), _scored(1)
     without.fit.held, with_.fit.held = 1.98, 1.92
-    without.fit.cost, without.gap, with_.gap = 90.0, 1.98, 1.92
+    without.fit.cost = 90.0
     scores = _scores(
         difference=lambda worse, better: (80.0, low, 120.0),
         without_best=lambda worse, better: without_best,

@@ -50,6 +50,8 @@ _COMPARED = 10
 """Windows of the usual length in which what is proposed is compared, where much is."""
 _GLIMPSE, _SECOND = 2, 0.3
 """Steps of a fit after which what is proposed is compared, and the share that takes as many more."""
+_LEADING, _AKIN = 3, 8
+"""Of so many that lead where effects are compared, so many that are next to them are compared too."""
 _LOOSE = 4
 """Nominal numbers that are heard of those that go far where they may."""
 _UNTOUCHED = 1
@@ -160,12 +162,31 @@ class Candidates:
         # Afresh: about numbers that fit, of what lands, a change is not what it is about nominal ones.
         other = self._screened(reference, (0.5, 1.0), Glance())
         foremost = [s for one in (screened, other) for s in _foremost(one, self.effort.survivors)]
-        starts = [(s.effect, s.x, s.z) for s in foremost]
+        # What numbers a screening promises an effect is a guess; beside those that fit without it, it often shows more.
+        starts = [(s.effect, s.x, z) for s in foremost for z in (s.z, reference.z)]
         self.say("compare", 0.0)
         starts += spoken_for(self.fitter, self.effects, fit_loosely(self.fitter), _LOOSE)
-        return self._compared(starts, reference.z)[: self.effort.survivors]
+        found = self._compared(starts, reference.z)
+        known = {id(effect) for effect, _, _ in starts}
+        akin = [e for e in self._akin([f.hypothesis.effects[0] for f in found[:_LEADING]]) if id(e) not in known]
+        found += self._compared([(e, np.array(x), reference.z) for e in akin for x in e.starts()], reference.z)
+        found.sort(key=lambda f: f.cost)
+        return [(f.hypothesis.effects[0], f.x, f.z) for f in found[: self.effort.survivors]]
 
-    def _compared(self, starts: Sequence[Start], fitted_z: Array) -> list[Start]:
+    def _akin(self, leaders: Sequence[Effect]) -> list[Effect]:
+        """Of each of the ``leaders``, other laws of its kind at its parts, and its own at some of them or at more.
+
+        What is screened beside numbers that are all a little off may be the law or the part next to the right one.
+        """
+        found: list[Effect] = []
+        for leader in leaders:
+            parts = set(leader.site.targets)
+            near = [e for e in self.effects if _family(e) == _family(leader) and parts & set(e.site.targets)]
+            near.sort(key=lambda e: (e.site.name != leader.site.name, e.name != leader.name))
+            found += [e for e in near if e is not leader][:_AKIN]
+        return list({id(e): e for e in found}.values())
+
+    def _compared(self, starts: Sequence[Start], fitted_z: Array) -> list[Fit]:
         """Each effect from the better of its starts, as far as a few steps of a fit take it, leaders as many more.
 
         By the sensitivities about the nominal numbers or about ``fitted_z``, whichever are nearer.
@@ -200,7 +221,7 @@ class Candidates:
             self.say("compare", 0.8 + 0.2 * i / len(leaders))
             known = fit.residual if select is None else fit.residual[select]
             further.append(fitted(fit.hypothesis.effects[0], fit.x, fit.z, known))
-        return [(f.hypothesis.effects[0], f.x, f.z) for f in sorted(further, key=lambda f: f.cost)]
+        return sorted(further, key=lambda f: f.cost)
 
     def _screened(self, fit: Fit, span: tuple[float, float], glance: Glance) -> list[Screened]:
         low, high = span
@@ -486,6 +507,11 @@ class Candidates:
         """Report progress: ``share`` of a stage is done."""
         if self._progress:
             self._progress(stage, share)
+
+
+def _family(effect: Effect) -> str:
+    """Effects of one family act on the same kind of part: friction on joints, gains on servos."""
+    return type(effect).__module__
 
 
 def _foremost(screened: Sequence[Screened], count: int) -> list[Screened]:

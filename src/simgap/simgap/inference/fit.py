@@ -261,7 +261,7 @@ class Fitter:
         fit = Fit(empty, none, z, self.cost(residual, z), residual, np.zeros((0, *residual.shape)))
         self.nominal = fit
         hurried = False
-        for round_ in range(_ROUNDS):
+        for round_ in range(_ROUNDS if self.lands or len(z) <= MANY else 1):
             self.refresh(empty, none, fit.z, fit.residual, self.moved(fit) if round_ else None)
             if round_ == 0:
                 self._leave_out()

@@ -191,18 +191,16 @@ def earns(
         # In sample flatters: what is not earned there is an accident of the folds.
         gain = min(gain, without.fit.cost - with_.fit.cost)
     strain = without.fit.prior - with_.fit.prior
-    shares = [
-        (scores.typical(without.fit.held), scores.typical(with_.fit.held)),
-        (scores.overall(without.fit.held), scores.overall(with_.fit.held)),
-    ]
+    before, after = (scores.left(s.fit) for s in (without, with_))
+    shares = [(measure(before), measure(after)) for measure in (scores.typical, scores.overall)]
     if without.fit.hypothesis.effects:
-        relevant = any(after - 1.0 < (1.0 - MORE) * (before - 1.0) for before, after in shares)
+        relevant = any(less - 1.0 < (1.0 - MORE) * (much - 1.0) for much, less in shares)
         relevant |= gain > FURTHER * first
         relevant |= unrivalled or (bool(without.fit.strained) and strain > EVIDENCE)
     else:
-        shares.append((without.gap, with_.gap))
-        relevant = any(after < (1.0 - RELEVANT) * before for before, after in shares) or strain > EVIDENCE
-        relevant |= any(after - 1.0 < (1.0 - MOST) * (before - 1.0) for before, after in shares if before > 1.0)
+        shares.append((scores.gap(before), scores.gap(after)))
+        relevant = any(less < (1.0 - RELEVANT) * much for much, less in shares) or strain > EVIDENCE
+        relevant |= any(less - 1.0 < (1.0 - MOST) * (much - 1.0) for much, less in shares if much > 1.0)
     several, price = bool(without.fit.hypothesis.effects), float(np.log(max(looked_at, 1)))
     if gain <= max((EVIDENCE_MORE if several else EVIDENCE) + price, BEST_OF_SEVERAL * scores.roughness):
         return False

@@ -127,6 +127,19 @@ class Scores:
         found: Array = np.where(held, self._fitter.seen(fit) + fit.hypothesis.size / held.sum(), np.nan)
         return found
 
+    def left(self, fit: Fit) -> Array:
+        """Mean squares (nw, nl) of windows by which is judged what a fit leaves, NaN where never held out.
+
+        Held out; where that is rough, in sample, as in `telling`.
+        """
+        if fit.likelihood is not None or self.roughness == 0.0:
+            return fit.held
+        return np.where(np.isfinite(fit.held), self._fitter.mean_square(fit.residual), np.nan)
+
+    def gap(self, square: Array) -> float:
+        """Gap of mean squares (nw, nl), over all windows."""
+        return float(self.gaps(square)[0])
+
     @property
     def unit(self) -> str:
         """Of what one hypothesis gains over another, in words."""
