@@ -10,7 +10,7 @@ from robots import aligned_of, simulate
 from simgap.effects.base import Context
 from simgap.effects.library import enumerate_effects
 from simgap.inference.fit import Fitter
-from simgap.inference.loose_numbers import fit_loosely, spoken_for
+from simgap.inference.loose_numbers import fit_loosely, spoken_for, with_own_as_modelled
 from simgap.inference.nuisance import BOX, enumerate_nuisances
 from simgap.inference.residual import Residuals
 from simgap.simulation.replay import Replayer
@@ -58,3 +58,27 @@ def test_of_a_healthy_robot_none_goes_far_and_the_sensitivities_stay() -> None:
     z = fit_loosely(fitter)
     assert fitter.jacobian is kept
     assert np.abs(z).max() < BOX and spoken_for(fitter, effects, z, 4) == []
+
+
+def test_only_the_numbers_that_an_effect_changes_are_as_modelled_again() -> None:
+    """And of an effect that changes none of them there is no such start."""
+    fitter, effects = _prepared()
+    z = np.linspace(0.4, 1.2, len(fitter.nuisances))
+    names = [n.name for n in fitter.nuisances]
+    starts = with_own_as_modelled(fitter, [(e, np.array(e.starts()[0])) for e in effects], z)
+    assert {e.key for e, _, _ in starts} == {e.key for e in effects}, "each mass and gain is among the numbers too"
+    for effect, x, rest in starts:
+        assert tuple(x) == effect.starts()[0]
+        own = {names[i].split()[0] for i in np.flatnonzero(rest != z)}
+        assert own == ({"gain"} if effect.name == "servo_gain" else {"mass", "inertia"}), "inertia goes with mass"
+        assert (rest[rest != z] == 0.0).all()
+    (friction,) = (
+        e
+        for e in enumerate_effects(
+            Context(fitter.residuals.replayer.plant, measure_scales(fitter.residuals.replayer, fitter.base), {}),
+            (),
+            ("coulomb_friction",),
+        )
+        if e.key.endswith("@elbow")
+    )
+    assert with_own_as_modelled(fitter, [(friction, np.array([0.1]))], z) == []

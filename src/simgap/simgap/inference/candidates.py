@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from simgap.effects.base import Effect
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
-from simgap.inference.loose_numbers import fit_loosely, spoken_for
+from simgap.inference.loose_numbers import fit_loosely, spoken_for, with_own_as_modelled
 from simgap.inference.model_selection import EVIDENCE, FINALISTS, generalises
 from simgap.inference.scores import Scored, Scores
 from simgap.inference.screen import WINDOWS, Glance, Screened, informative_windows, screen
@@ -164,6 +164,7 @@ class Candidates:
         foremost = [s for one in (screened, other) for s in _foremost(one, self.effort.survivors)]
         # What numbers a screening promises an effect is a guess; beside those that fit without it, it often shows more.
         starts = [(s.effect, s.x, z) for s in foremost for z in (s.z, reference.z)]
+        starts += with_own_as_modelled(self.fitter, [(s.effect, s.x) for s in foremost], reference.z)
         self.say("compare", 0.0)
         starts += spoken_for(self.fitter, self.effects, fit_loosely(self.fitter), _LOOSE)
         found = self._compared(starts, reference.z)

@@ -102,19 +102,12 @@ def spoken_for(fitter: Fitter, effects: Sequence[Effect], z: Array, count: int) 
     Each is an effect, its values, which change that number as far, and all numbers, where those that the effect
     changes are as modelled. ``z`` (nz,) is of `fit_loosely`; ``count`` the numbers that are heard.
     """
-    nominal = fitter.base.model
     far = [i for i in np.argsort(-np.abs(z)) if abs(z[i]) > BOX][:count]
     if not far:
         return []
-    changes = [
-        _changed(nominal, _with_number(fitter, i, max(abs(z[i]), 1.0) * (np.sign(z[i]) or 1.0))) for i in range(len(z))
-    ]
+    changes = _changes_of_numbers(fitter, z)
     found: dict[int, tuple[Effect, Array, Array]] = {}
-    tried = [
-        (e, s, _changed(nominal, fitter.variant(Hypothesis((e,)), np.array(s), np.zeros_like(z)).model))
-        for e in effects
-        for s in e.starts()
-    ]
+    tried = [(e, s, _changes_of(fitter, e, np.array(s))) for e in effects for s in e.starts()]
     for i in far:
         for effect, start, entries in tried:
             if not changes[i] or not changes[i].keys() <= entries.keys() or id(effect) in found:
@@ -123,10 +116,42 @@ def spoken_for(fitter: Fitter, effects: Sequence[Effect], z: Array, count: int) 
             share = changes[i][first] / entries[first]
             values = effect.times(share, start) if share > 0.0 else None
             if values is not None:
-                rest = np.clip(z, -BOX, BOX)
-                rest[[k for k in range(len(z)) if changes[k] and changes[k].keys() <= entries.keys()]] = 0.0
-                found[id(effect)] = effect, np.array(values), rest
+                found[id(effect)] = effect, np.array(values), _without_own(np.clip(z, -BOX, BOX), changes, entries)
     return list(found.values())
+
+
+def with_own_as_modelled(
+    fitter: Fitter, starts: Sequence[tuple[Effect, Array]], z: Array
+) -> list[tuple[Effect, Array, Array]]:
+    """Effects with their values beside numbers ``z`` (nz,), of which those that an effect changes are as modelled.
+
+    What fits without an effect may have bent just these, and hides it. Of an effect that changes none there is nothing.
+    """
+    changes = _changes_of_numbers(fitter, z)
+    found = []
+    for effect, x in starts:
+        rest = _without_own(z, changes, _changes_of(fitter, effect, x))
+        if not np.array_equal(rest, z):
+            found.append((effect, x, rest))
+    return found
+
+
+def _without_own(z: Array, changes: Sequence[dict[Entry, float]], entries: dict[Entry, float]) -> Array:
+    """Numbers ``z`` (nz,), where those that change nothing but ``entries`` are as modelled."""
+    own = [bool(change) and change.keys() <= entries.keys() for change in changes]
+    return np.where(own, 0.0, z)
+
+
+def _changes_of_numbers(fitter: Fitter, z: Array) -> list[dict[Entry, float]]:
+    """What each number changes as far off as in ``z`` (nz,), or by a deviation."""
+    reach = np.maximum(np.abs(z), 1.0) * np.where(z < 0.0, -1.0, 1.0)
+    return [_changed(fitter.base.model, _with_number(fitter, i, float(r))) for i, r in enumerate(reach)]
+
+
+def _changes_of(fitter: Fitter, effect: Effect, x: Array) -> dict[Entry, float]:
+    """What an effect changes, of the model that is otherwise as modelled."""
+    variant = fitter.variant(Hypothesis((effect,)), x, np.zeros(len(fitter.nuisances)))
+    return _changed(fitter.base.model, variant.model)
 
 
 def _with_number(fitter: Fitter, which: int, z: float) -> mujoco.MjModel:
