@@ -23,7 +23,7 @@ from simgap.data.plant import Plant, build_plant
 from simgap.data.recording import recording_from_table
 from simgap.effects.base import Context, Effect
 from simgap.effects.library import enumerate_effects
-from simgap.inference.candidates import Effort
+from simgap.inference.effort import Effort
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Hypothesis
 from simgap.inference.residual import Residuals

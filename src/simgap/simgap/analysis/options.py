@@ -16,7 +16,7 @@ from simgap.data.align import Aligned
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording
 from simgap.effects.base import Effect
-from simgap.inference.candidates import Effort, Progress
+from simgap.inference.effort import Effort, Progress
 from simgap.inference.nuisance import Nuisance, enumerate_nuisances
 from simgap.simulation.integration import FINER
 from simgap.simulation.windows import WARM_UP, Windows

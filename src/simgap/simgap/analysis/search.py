@@ -22,7 +22,7 @@ from simgap.data.recording import Recording, concatenate
 from simgap.effects.base import Context
 from simgap.effects.library import enumerate_effects
 from simgap.inference.budget import SEARCH, Budget, OutOfTimeError
-from simgap.inference.candidates import Effort
+from simgap.inference.effort import Effort
 from simgap.inference.fit import Fitter
 from simgap.inference.healthy import Healthy
 from simgap.inference.residual import Residuals

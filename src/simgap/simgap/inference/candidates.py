@@ -2,43 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.effects.base import Effect
+from simgap.inference.effort import PARTNERS, Effort, Progress
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
-from simgap.inference.loose_numbers import fit_loosely, spoken_for, with_own_as_modelled
 from simgap.inference.model_selection import EVIDENCE, FINALISTS, generalises
+from simgap.inference.proposals import COMPARED, Start
 from simgap.inference.scores import Scored, Scores
 from simgap.inference.screen import WINDOWS, Glance, Screened, informative_windows, screen
 from simgap.inference.simplex_search import simplex_search
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Progress = Callable[[str, float], None]
-Start = tuple[Effect, Array, Array]
-"""An effect, its parameters' values, and those of all nuisances."""
 Hint = tuple[str, str, float]
 """Name, site and value of an effect for which a part speaks that was looked at by itself."""
 
-SURVIVORS = 10
 FIT_WINDOWS = 30
 """Windows in which candidates are fitted; they are scored, and the leaders refitted, in all."""
 LARGER = (1.25, 1.6, 2.2)
 """How many times as large an effect is tried before it is fitted, as the screening found it."""
-PARTNERS = 6
 HOPELESS, FAR = 20.0, 0.3
 """Behind the best by more than so many nats, and by this share of what the best gains, a candidate is not refitted:
 fits with the nominal model's sensitivities are that rough."""
 FAVOURITES = 2
 """First fits start where nominal numbers hide most of an effect; what the screening ranks so high is refitted."""
-LEADERS = 2
-"""Kinds of effects about which, beside the nominal model, errors of the windows' start are computed, at most."""
 SHAKEN = (0.75, 0.88, 0.95, 1.05, 1.14, 1.3)
 """So many times as large an effect is tried once more where much is left: laws that switch (a play, a dead band) have
 optima beside the one that a fit ends in."""
@@ -46,48 +39,14 @@ _SHAKEN_STARTS = 3
 """Of these values so many are fitted."""
 _ANOTHER_NAME = 0.995
 """Two effects whose sensitivities have this cosine are one change under two names."""
-_COMPARED = 10
-"""Windows of the usual length in which what is proposed is compared, where much is."""
-_GLIMPSE, _SECOND = 2, 0.3
-"""Steps of a fit after which what is proposed is compared, and the share that takes as many more."""
-_LEADING, _AKIN = 3, 8
-"""Of so many that lead where effects are compared, so many that are next to them are compared too."""
-_LOOSE = 4
-"""Nominal numbers that are heard of those that go far where they may."""
 _UNTOUCHED = 1
 """Effects that are also tried beside untouched nominal numbers, where those are bent far."""
-MAX_EFFECTS = 3
 MANY_PARAMETERS = 6
 """Hypotheses with more are fitted in some windows first, and in all only where that promises something."""
 ITERATIONS = 15
 """Of a fit of what single parts speak for together, which has many parameters; most take no new sensitivities."""
 TOGETHER = 4
 """Kinds of effects, at most, that single parts speak for and that are tried together."""
-
-
-@dataclass(frozen=True)
-class Effort:
-    """How much is looked at; a model whose steps cost more gets less."""
-
-    hopeful: int | None = 30
-    """Candidates that are screened thoroughly, after a glance at all; None: all of them."""
-    survivors: int = SURVIVORS
-    """Candidates that are fitted."""
-    finalists: int = FINALISTS
-    """Candidates that are refitted with sensitivities of their own."""
-    leaders: int = LEADERS
-    """Kinds of effects about which errors of the windows' start are computed."""
-    rounds: int = 3
-    """How often the winner is."""
-    partners: int = PARTNERS
-    """Candidates that are fitted as one effect more."""
-    max_effects: int = MAX_EFFECTS
-    sought: int = 200
-    """Replays in search of a law with more parameters."""
-    twice: bool = False
-    """Whether candidates are screened about the nominal numbers' best fit too, and what promises most either way, of
-    each kind too, is compared by a few steps of a fit: where many numbers are off, what a change shows beside wrong
-    ones says little."""
 
 
 def by_score(scored: Scored) -> float:
@@ -145,97 +104,6 @@ class Candidates:
         _, hypothesis, x = min(tried, key=lambda t: t[0])
         fit = self.fitter.fit(hypothesis, x, base.fit.z, ITERATIONS, select=select)
         return self.scores.scored(self.fitter.polish(fit, rounds=2))
-
-    def screened_about_nominal(self) -> list[Screened]:
-        """Screen about the untouched nominal model: the nuisances' best fit may have swallowed half of an effect."""
-        fitter = self.fitter
-        assert fitter.nominal is not None
-        with fitter.sensitivities_kept():
-            fitter.jacobian = fitter.nominal_jacobian
-            return self._screened(fitter.nominal, (0.0, 0.5 if self.effort.twice else 1.0), Glance())
-
-    def most_promising(self, screened: Sequence[Screened], reference: Fit) -> list[Start]:
-        """The starts to fit: the best of a screening, or also of one about ``reference`` where the effort says so."""
-        starts = [(s.effect, s.x, s.z) for s in screened[: self.effort.survivors]]
-        if not self.effort.twice:
-            return starts
-        # Afresh: about numbers that fit, of what lands, a change is not what it is about nominal ones.
-        other = self._screened(reference, (0.5, 1.0), Glance())
-        foremost = [s for one in (screened, other) for s in _foremost(one, self.effort.survivors)]
-        # What numbers a screening promises an effect is a guess; beside those that fit without it, it often shows more.
-        starts = [(s.effect, s.x, z) for s in foremost for z in (s.z, reference.z)]
-        starts += with_own_as_modelled(self.fitter, [(s.effect, s.x) for s in foremost], reference.z)
-        self.say("compare", 0.0)
-        starts += spoken_for(self.fitter, self.effects, fit_loosely(self.fitter), _LOOSE)
-        found = self._compared(starts, reference.z)
-        known = {id(effect) for effect, _, _ in starts}
-        akin = [e for e in self._akin([f.hypothesis.effects[0] for f in found[:_LEADING]]) if id(e) not in known]
-        found += self._compared([(e, np.array(x), reference.z) for e in akin for x in e.starts()], reference.z)
-        found.sort(key=lambda f: f.cost)
-        return [(f.hypothesis.effects[0], f.x, f.z) for f in found[: self.effort.survivors]]
-
-    def _akin(self, leaders: Sequence[Effect]) -> list[Effect]:
-        """Of each of the ``leaders``, other laws of its kind at its parts, and its own at some of them or at more.
-
-        What is screened beside numbers that are all a little off may be the law or the part next to the right one.
-        """
-        found: list[Effect] = []
-        for leader in leaders:
-            parts = set(leader.site.targets)
-            near = [e for e in self.effects if _family(e) == _family(leader) and parts & set(e.site.targets)]
-            near.sort(key=lambda e: (e.site.name != leader.site.name, e.name != leader.name))
-            found += [e for e in near if e is not leader][:_AKIN]
-        return list({id(e): e for e in found}.values())
-
-    def _compared(self, starts: Sequence[Start], fitted_z: Array) -> list[Fit]:
-        """Each effect from the better of its starts, as far as a few steps of a fit take it, leaders as many more.
-
-        By the sensitivities about the nominal numbers or about ``fitted_z``, whichever are nearer.
-        """
-        fitter = self.fitter
-        assert fitter.nominal is not None
-        chosen = informative_windows(fitter, fitter.nominal, _COMPARED)
-        select = chosen if len(chosen) < len(fitter.windows) else None
-
-        def fitted(effect: Effect, x: Array, z: Array, known: Array | None = None) -> Fit:
-            with fitter.sensitivities_kept():
-                if np.linalg.norm(z) < np.linalg.norm(z - fitted_z):
-                    fitter.jacobian = fitter.nominal_jacobian
-                return fitter.fit(Hypothesis((effect,)), x, z, _GLIMPSE, known, select=select, roughly=True)
-
-        best: dict[int, tuple[float, Start, Array]] = {}
-        for i, start in enumerate(starts):
-            self.say("compare", 0.2 * i / len(starts))
-            effect, x, z = start
-            residual = fitter.replay(Hypothesis((effect,)), [(x, z)], select)[0]
-            cost = fitter.cost(residual, z, select)
-            if id(effect) not in best or cost < best[id(effect)][0]:
-                best[id(effect)] = cost, start, residual
-        fits = []
-        for i, (_, start, residual) in enumerate(best.values()):
-            self.say("compare", 0.2 + 0.6 * i / len(best))
-            fits.append(fitted(*start, residual))
-        fits.sort(key=lambda f: f.cost)
-        leaders = fits[: max(round(_SECOND * len(fits)), self.effort.survivors)]
-        further = []
-        for i, fit in enumerate(leaders):
-            self.say("compare", 0.8 + 0.2 * i / len(leaders))
-            known = fit.residual if select is None else fit.residual[select]
-            further.append(fitted(fit.hypothesis.effects[0], fit.x, fit.z, known))
-        return sorted(further, key=lambda f: f.cost)
-
-    def _screened(self, fit: Fit, span: tuple[float, float], glance: Glance) -> list[Screened]:
-        low, high = span
-        return screen(
-            self.fitter,
-            fit,
-            self.effects,
-            lambda share: self.say("screen", low + (high - low) * share),
-            self.effort.hopeful,
-            thorough=self.effort.twice,
-            windows=_COMPARED if self.effort.twice else WINDOWS,
-            glance=glance,
-        )
 
     def fitted(self, starts: Sequence[Start], base: Scored) -> list[Scored]:
         """Fits of ``base`` with one effect more, best first."""
@@ -388,7 +256,7 @@ class Candidates:
             others,
             lambda share: self.say("screen partners", share),
             self.effort.hopeful,
-            windows=_COMPARED if self.effort.twice else WINDOWS,
+            windows=COMPARED if self.effort.twice else WINDOWS,
             glance=self._glance if self.effort.twice else None,
         )[: self.effort.partners]
         pairs = self.fitted([(s.effect, s.x, s.z) for s in partners], base)
@@ -508,18 +376,6 @@ class Candidates:
         """Report progress: ``share`` of a stage is done."""
         if self._progress:
             self._progress(stage, share)
-
-
-def _family(effect: Effect) -> str:
-    """Effects of one family act on the same kind of part: friction on joints, gains on servos."""
-    return type(effect).__module__
-
-
-def _foremost(screened: Sequence[Screened], count: int) -> list[Screened]:
-    """So many of those that were screened, the best first, and the best of each kind of effect."""
-    kinds = {s.effect.name: s for s in reversed(screened)}
-    first = list(screened[:count])
-    return [*first, *(s for s in kinds.values() if not any(s is f for f in first))]
 
 
 def _parts(effect: Effect, spoken: Sequence[str]) -> list[str]:

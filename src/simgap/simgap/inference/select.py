@@ -17,11 +17,10 @@ from simgap.inference.candidates import (
     FIT_WINDOWS,
     MANY_PARAMETERS,
     Candidates,
-    Effort,
     Hint,
-    Progress,
     by_score,
 )
+from simgap.inference.effort import Effort, Progress
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Hypothesis
 from simgap.inference.model_selection import (
@@ -36,6 +35,7 @@ from simgap.inference.model_selection import (
     stands_out,
 )
 from simgap.inference.nuisance import BOX
+from simgap.inference.proposals import Proposals
 from simgap.inference.scores import Scored, Scores
 from simgap.inference.screen import Screened, informative_windows
 from simgap.inference.thresholds import UNEXPLAINED
@@ -106,6 +106,7 @@ class Selector:
         self.fitter, self.effects, self.scores, self.seed = fitter, list(effects), Scores(fitter, seed, left), seed
         fitter.budget = self.budget
         self.candidates = Candidates(fitter, self.effects, self.scores, self._effort, self.budget.watch(progress))
+        self.proposals = Proposals(fitter, self.effects, self._effort, self.candidates.say)
         self._sites = places(self.effects)
 
     def hidden(self, selection: Selection) -> float:
@@ -221,9 +222,9 @@ class Selector:
         return other if self._better(other, found) else found
 
     def _compete(self, reference: Scored, begun: Selection | None) -> Selection:
-        screened = self.candidates.screened_about_nominal()
+        screened = self.proposals.about_nominal()
         self._found = replace(self._found, screened=screened)
-        starts = self.candidates.most_promising(screened, reference.fit)
+        starts = self.proposals.most_promising(screened, reference.fit)
         singles = self.candidates.fitted([*self.candidates.hinted(self._hints), *starts], reference)
         self._found = replace(self._found, singles=singles)
         singles, reference = self.candidates.finals(

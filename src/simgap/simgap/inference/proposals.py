@@ -1,0 +1,141 @@
+"""What to fit first: effects screened about nominal numbers and about those that fit, compared by a few steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.effects.base import Effect
+from simgap.inference.effort import Effort
+from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.loose_numbers import fit_loosely, spoken_for, with_own_as_modelled
+from simgap.inference.screen import WINDOWS, Glance, Screened, informative_windows, screen
+
+Array = NDArray[np.float64]
+Start = tuple[Effect, Array, Array]
+"""An effect, its parameters' values, and those of all nuisances."""
+
+COMPARED = 10
+"""Windows of the usual length in which what is proposed is compared, where much is."""
+_GLIMPSE, _SECOND = 2, 0.3
+"""Steps of a fit after which what is proposed is compared, and the share that takes as many more."""
+_LEADING, _AKIN = 3, 8
+"""Of so many that lead where effects are compared, so many that are next to them are compared too."""
+_LOOSE = 4
+"""Nominal numbers that are heard of those that go far where they may."""
+
+
+class Proposals:
+    """Says with which effects to begin, and from which numbers. It may miss one, and judges none."""
+
+    def __init__(
+        self, fitter: Fitter, effects: Sequence[Effect], effort: Effort, say: Callable[[str, float], None]
+    ) -> None:
+        """``say`` is told the stage and its share that is done."""
+        self._fitter, self._effects, self._effort, self._say = fitter, list(effects), effort, say
+
+    def about_nominal(self) -> list[Screened]:
+        """Screen about the untouched nominal model: the nuisances' best fit may have swallowed half of an effect."""
+        fitter = self._fitter
+        assert fitter.nominal is not None
+        with fitter.sensitivities_kept():
+            fitter.jacobian = fitter.nominal_jacobian
+            return self._screened(fitter.nominal, (0.0, 0.5 if self._effort.twice else 1.0), Glance())
+
+    def most_promising(self, screened: Sequence[Screened], reference: Fit) -> list[Start]:
+        """The starts to fit: the best of a screening, or also of one about ``reference`` where the effort says so."""
+        starts = [(s.effect, s.x, s.z) for s in screened[: self._effort.survivors]]
+        if not self._effort.twice:
+            return starts
+        # Afresh: about numbers that fit, of what lands, a change is not what it is about nominal ones.
+        other = self._screened(reference, (0.5, 1.0), Glance())
+        foremost = [s for one in (screened, other) for s in _foremost(one, self._effort.survivors)]
+        # What numbers a screening promises an effect is a guess; beside those that fit without it, it often shows more.
+        starts = [(s.effect, s.x, z) for s in foremost for z in (s.z, reference.z)]
+        starts += with_own_as_modelled(self._fitter, [(s.effect, s.x) for s in foremost], reference.z)
+        self._say("compare", 0.0)
+        starts += spoken_for(self._fitter, self._effects, fit_loosely(self._fitter), _LOOSE)
+        found = self._compared(starts, reference.z)
+        known = {id(effect) for effect, _, _ in starts}
+        akin = [e for e in self._akin([f.hypothesis.effects[0] for f in found[:_LEADING]]) if id(e) not in known]
+        found += self._compared([(e, np.array(x), reference.z) for e in akin for x in e.starts()], reference.z)
+        found.sort(key=lambda f: f.cost)
+        return [(f.hypothesis.effects[0], f.x, f.z) for f in found[: self._effort.survivors]]
+
+    def _akin(self, leaders: Sequence[Effect]) -> list[Effect]:
+        """Of each of the ``leaders``, other laws of its kind at its parts, and its own at some of them or at more.
+
+        What is screened beside numbers that are all a little off may be the law or the part next to the right one.
+        """
+        found: list[Effect] = []
+        for leader in leaders:
+            parts = set(leader.site.targets)
+            near = [e for e in self._effects if _family(e) == _family(leader) and parts & set(e.site.targets)]
+            near.sort(key=lambda e: (e.site.name != leader.site.name, e.name != leader.name))
+            found += [e for e in near if e is not leader][:_AKIN]
+        return list({id(e): e for e in found}.values())
+
+    def _compared(self, starts: Sequence[Start], fitted_z: Array) -> list[Fit]:
+        """Each effect from the better of its starts, as far as a few steps of a fit take it, leaders as many more.
+
+        By the sensitivities about the nominal numbers or about ``fitted_z``, whichever are nearer.
+        """
+        fitter = self._fitter
+        assert fitter.nominal is not None
+        chosen = informative_windows(fitter, fitter.nominal, COMPARED)
+        select = chosen if len(chosen) < len(fitter.windows) else None
+
+        def fitted(effect: Effect, x: Array, z: Array, known: Array | None = None) -> Fit:
+            with fitter.sensitivities_kept():
+                if np.linalg.norm(z) < np.linalg.norm(z - fitted_z):
+                    fitter.jacobian = fitter.nominal_jacobian
+                return fitter.fit(Hypothesis((effect,)), x, z, _GLIMPSE, known, select=select, roughly=True)
+
+        best: dict[int, tuple[float, Start, Array]] = {}
+        for i, start in enumerate(starts):
+            self._say("compare", 0.2 * i / len(starts))
+            effect, x, z = start
+            residual = fitter.replay(Hypothesis((effect,)), [(x, z)], select)[0]
+            cost = fitter.cost(residual, z, select)
+            if id(effect) not in best or cost < best[id(effect)][0]:
+                best[id(effect)] = cost, start, residual
+        fits = []
+        for i, (_, start, residual) in enumerate(best.values()):
+            self._say("compare", 0.2 + 0.6 * i / len(best))
+            fits.append(fitted(*start, residual))
+        fits.sort(key=lambda f: f.cost)
+        leaders = fits[: max(round(_SECOND * len(fits)), self._effort.survivors)]
+        further = []
+        for i, fit in enumerate(leaders):
+            self._say("compare", 0.8 + 0.2 * i / len(leaders))
+            known = fit.residual if select is None else fit.residual[select]
+            further.append(fitted(fit.hypothesis.effects[0], fit.x, fit.z, known))
+        return sorted(further, key=lambda f: f.cost)
+
+    def _screened(self, fit: Fit, span: tuple[float, float], glance: Glance) -> list[Screened]:
+        low, high = span
+        return screen(
+            self._fitter,
+            fit,
+            self._effects,
+            lambda share: self._say("screen", low + (high - low) * share),
+            self._effort.hopeful,
+            thorough=self._effort.twice,
+            windows=COMPARED if self._effort.twice else WINDOWS,
+            glance=glance,
+        )
+
+
+def _family(effect: Effect) -> str:
+    """Effects of one family act on the same kind of part: friction on joints, gains on servos."""
+    return type(effect).__module__
+
+
+def _foremost(screened: Sequence[Screened], count: int) -> list[Screened]:
+    """So many of those that were screened, the best first, and the best of each kind of effect."""
+    kinds = {s.effect.name: s for s in reversed(screened)}
+    first = list(screened[:count])
+    return [*first, *(s for s in kinds.values() if not any(s is f for f in first))]
