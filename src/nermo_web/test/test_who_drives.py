@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 
 from nermo_control.driver import Driver, Limits
+from nermo_control.holding import Lateness
 from nermo_control.types import ControlCommand, Posture
 from nermo_description.silence import OWNER, STICK
 from nermo_web.door import Settings, Stick, Take
-from nermo_web.who_drives import Lateness, WhoDrives
+from nermo_web.who_drives import WhoDrives
 
 FULL_SPEED = Limits().max_forward_velocity
 ANNA, BERT = 1, 2
