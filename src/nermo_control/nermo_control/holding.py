@@ -40,8 +40,8 @@ class WhoHolds:
     """One at a time: the first viewer to press, until it has been let go for `silence.OWNER` or that page is gone.
 
     A press counts only while its messages come: after `timeout` without one it is let go, until fresh ones come of a
-    hand that still presses. What is later than `timeout` counts as if it had not come. A press that has met a refusal or
-    another holder does not count later either.
+    hand that still presses. What is later than `timeout` counts as if it had not come. A press that has met a refusal
+    or another holder does not count later either.
     """
 
     def __init__(self, timeout: float = STICK.after) -> None:
@@ -56,6 +56,10 @@ class WhoHolds:
     def viewers(self) -> int:
         """How many look at the page."""
         return len(self._viewers)
+
+    def knows(self, viewer: int) -> bool:
+        """Whether somebody looks at the page under this number."""
+        return viewer in self._viewers
 
     def join(self, viewer: int) -> None:
         """Somebody opens the page."""

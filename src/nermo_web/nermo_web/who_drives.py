@@ -17,6 +17,8 @@ from nermo_web.door import Settings, Stick, Take
 
 HOLD_S = 0.7
 """So long a posture is commanded after its button was pressed, as from the keyboard."""
+
+
 class WhoDrives:
     """The page's one source of commands, whoever looks at it.
 
