@@ -43,7 +43,8 @@ robot = load_robot("nermo_lite")
 plant = robot_plant(robot, [*map(command, robot.servos), *TRACKER])
 t = np.arange(0.0, 4.0, 0.005)
 squat = np.tile([robot.servos[c.name].neutral for c in plant.inputs], (len(t), 1))
-squat[:, [c.name == "front_left_knee" for c in plant.inputs]] -= 0.3 * np.sin(np.pi * np.clip(t[:, None] - 1, 0, 2)) ** 2
+knee = [c.name for c in plant.inputs].index("front_left_knee")
+squat[:, knee] -= 0.3 * np.sin(np.pi * np.clip(t - 1.0, 0.0, 2.0)) ** 2
 player = HeldPlayer(through_graph(), "sim", patience=float(sys.argv[1]))
 player.beside = Beside("nermo_lite", [Path("before")], Path("diagnosis"), False)
 with watched(True, "127.0.0.1", 0, player) as live:
