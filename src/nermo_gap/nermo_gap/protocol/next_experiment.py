@@ -7,7 +7,7 @@ import math
 import shlex
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,6 +66,7 @@ class HeldPlayer:
         through_graph: records a request.
         target, port, calibration: as `nermo up` has them.
         patience: [s] for which a graph waits for a hand.
+        clock: [s], never back.
     """
 
     hint = "hold the button"
@@ -77,7 +78,9 @@ class HeldPlayer:
         port: str = TWIN,
         calibration: Path | None = None,
         patience: float = ALONE_S,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        self._clock = clock
         self._through_graph, self._target, self._port, self._calibration = through_graph, target, port, calibration
         twin = is_twin(target, port)
         self.robot = "the twin" if twin else "the robot"
@@ -97,11 +100,11 @@ class HeldPlayer:
     def leave(self, viewer: int) -> None:
         """See `Player`."""
         with self._guard:
-            self._hands.leave(viewer, time.monotonic())
+            self._hands.leave(viewer, self._clock())
 
     def hold(self, hand: Hand) -> str:
         """See `Player`."""
-        arrived = time.monotonic()
+        arrived = self._clock()
         with self._guard:
             if not self._hands.knows(hand.viewer):
                 return "this page is not known here: load it again"
@@ -112,20 +115,20 @@ class HeldPlayer:
     def held(self) -> bool:
         """See `Player`."""
         with self._guard:
-            held = self._hands.holds(time.monotonic())
+            held = self._hands.holds(self._clock())
         if held:
-            self._wanted = max(self._wanted, time.monotonic())
+            self._wanted = max(self._wanted, self._clock())
         return held
 
     def tell(self, sentence: str) -> None:
         """Whoever looks at the page is told."""
-        self._wanted = time.monotonic()
+        self._wanted = self._clock()
         for say in self._say:
             say(sentence)
 
     def gone(self) -> bool:
         """Whether nobody has held it for long."""
-        return not self.held() and time.monotonic() - self._wanted > self._patience
+        return not self.held() and self._clock() - self._wanted > self._patience
 
     def play(self, experiment: Experiment, plant: Plant, tell: Tell) -> Played:
         """See `Player`."""
@@ -153,7 +156,7 @@ class HeldPlayer:
             self._say = []
             with self._guard:
                 # Who still presses has to press again.
-                self._hands.let_go(time.monotonic())
+                self._hands.let_go(self._clock())
         robot = ("--robot", beside.robot) if beside.named else ()
         words = ("nermo", "gap", "diagnose", *map(str, beside.recordings), str(out), *robot)
         return Played("Played to its end, and recorded:", str(out), shlex.join(words))
