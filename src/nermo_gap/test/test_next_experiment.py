@@ -90,8 +90,9 @@ def test_the_page_is_told_where_it_is_and_what_diagnoses_both(tmp_path: Path) ->
     asked: list[Request] = []
 
     def through_graph(request: Request) -> list[Path]:
-        assert request.watcher is not None
+        assert request.watcher is not None and not request.watcher.gone(), "it waits while the graph comes up"
         request.watcher.tell("it moves")
+        assert request.watcher.gone(), "from then on for as long as its patience lasts"
         asked.append(request)
         request.out.mkdir()
         return [request.out]
@@ -129,7 +130,7 @@ def test_what_fails_is_told_and_a_hand_that_still_presses_begins_nothing(tmp_pat
     presses(2)
     assert player.held()
     player.leave(1)
-    assert not player.held() and player.gone()
+    assert not player.held()
 
 
 @pytest.mark.parametrize(
