@@ -21,6 +21,7 @@ from nermo_node.diagnostics import OK, Diagnostics, Status
 from nermo_node.parameters import blame, declare
 from nermo_node.run import run
 from nermo_web import door
+from nermo_web.nodes.cameras import Cameras
 from nermo_web.nodes.live_parameters import LiveParameters
 from nermo_web.nodes.shown_topics import ShownTopics, as_text
 from nermo_web.page_server import LOOPBACK, Event, PageServer
@@ -59,6 +60,7 @@ class Web(Node):
         self._who_drives = WhoDrives(self._driver)
         self._operator = Operator(self, self._driver, self._refused.add_one)
         self._live = LiveParameters(self, self._on_parameters)
+        self._cameras = Cameras(self, self._refused.add_one)
         self._recorder = self.create_client(SetBool, "recorder/record")
         with blame("scene"):
             self._shown = ShownTopics(self, robot, parameters.scene, self._refused.add_one)
@@ -178,6 +180,8 @@ class Web(Node):
 
     def _tell(self) -> None:
         told = self._shown.told()
+        pictures = self._cameras.pictures(watched=self._who_drives.viewers > 0)
+        self._page.pictures = list(pictures.values())
         if self._who_drives.viewers == 0:
             return
         driver = self._driver
@@ -197,6 +201,7 @@ class Web(Node):
                 drives=self._who_drives.holder(time.monotonic()),
                 posture=driver.posture.name.lower(),
                 viewers=self._who_drives.viewers,
+                cameras=list(pictures),
                 settings=settings,
             )
         )

@@ -175,6 +175,7 @@ function show(message) {
   put("driver", message.stopped ? "Stopped. Release it to drive." : other ? `Viewer ${message.drives} drives.`
     : message.drives === me ? "You drive. Let go to stop." : "Press the stick to drive; let go to stop.");
   walk(message.settings);
+  watch(message.cameras);
   const loads = $("loads").children;
   LEGS.forEach((_, leg) => {
     const load = message.loads_n?.[leg];
@@ -195,6 +196,24 @@ function show(message) {
     }
     list.children[2 * row + 1].textContent = value;
   });
+}
+
+// --- Cameras: each picture is asked for when the one before is there, so that a slow line carries few
+
+const PICTURE_MS = 100;
+function watch(topics) {
+  const box = $("cameras");
+  if ([...box.children].map((f) => f.dataset.topic).join() === topics.join()) return;
+  box.replaceChildren(...topics.map((topic, number) => {
+    const figure = document.createElement("figure"), image = document.createElement("img");
+    figure.dataset.topic = image.alt = topic;
+    let count = 0;
+    const next = () => { if (figure.isConnected) image.src = `camera/${number}?${++count}`; };
+    image.onload = image.onerror = () => setTimeout(next, PICTURE_MS);
+    figure.append(image, Object.assign(document.createElement("figcaption"), { textContent: topic }));
+    setTimeout(next, 0);
+    return figure;
+  }));
 }
 
 function walk(settings) {
