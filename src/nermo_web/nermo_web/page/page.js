@@ -138,6 +138,7 @@ $("record").addEventListener("click", () => send({ kind: "record", on: !$("recor
 let limits = null;
 function hello(message) {
   me = message.you; limits = message;
+  document.body.classList.toggle("recording", message.recording !== "");
   stick.held = 0;
   [$("frequency").min, $("frequency").max] = message.frequency_hz;
   $("pace").max = message.speed_steps;
@@ -168,7 +169,7 @@ function show(message) {
   $("stopped").hidden = !(message.stopped || message.power.startsWith("limp"));
   put("power", message.power);
   const trouble = message.trouble.join(" · ");
-  put("status", trouble || (message.viewers > 1 ? `${message.viewers} look at this page` : ""));
+  put("status", trouble || limits.recording || (message.viewers > 1 ? `${message.viewers} look at this page` : ""));
   $("status").className = trouble ? "bad" : "";
   const other = message.drives !== null && message.drives !== me;
   $("stick").classList.toggle("refused", other || message.stopped);
