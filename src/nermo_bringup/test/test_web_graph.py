@@ -19,6 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from playwright.sync_api import Browser, Page, sync_playwright
 from rclpy.parameter_client import AsyncParameterClient
+from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Bool
 
 from nermo_interfaces.msg import ControlCommand
@@ -299,6 +300,40 @@ def test_sliders_set_parameters_and_a_refusal_is_said(graph: Graph, browser: Bro
         lambda: any(c.gait == "lateral_walk" and c.spine_modes.turning for c in graph.commands[-1:]),
         "commands name the gait and the spine function",
     )
+
+
+def test_pictures_of_cameras_are_shown_while_they_come(graph: Graph, browser: Browser) -> None:
+    page = open_page(graph, browser, scene=False)
+    assert page.locator("#cameras figure").count() == 0
+    node, at = graph.bench.node, {"red": 220}
+    raw = node.create_publisher(Image, "/nermo/camera", qos.SENSOR)
+    small = node.create_publisher(CompressedImage, "/top/compressed", qos.SENSOR)
+    broken = node.create_publisher(CompressedImage, "/broken/compressed", qos.SENSOR)
+
+    def film() -> None:
+        row = bytes((at["red"], 30, 40)) * 64
+        raw.publish(Image(encoding="rgb8", width=64, height=48, step=192, data=row * 48))
+        picture = imageio.imwrite("<bytes>", np.full((24, 32, 3), 90, np.uint8), extension=".png")
+        small.publish(CompressedImage(format="png", data=picture))
+        broken.publish(CompressedImage(format="png", data=b"<svg/>"))
+
+    def sizes() -> list[int]:
+        return page.locator("#cameras img").evaluate_all("images => images.map(one => one.naturalWidth)")
+
+    def red() -> int:
+        """Of the raw picture's first pixel."""
+        look = """image => { const pen = document.createElement("canvas").getContext("2d");
+          pen.drawImage(image, 0, 0); return pen.getImageData(5, 5, 1, 1).data[0]; }"""
+        return int(page.locator("#cameras img").first.evaluate(look))
+
+    timer = node.create_timer(0.1, film)
+    graph.until(lambda: sizes() == [64, 32], "both are shown, and what is no picture is not")
+    assert page.locator("#cameras figcaption").all_inner_texts() == ["/nermo/camera", "/top/compressed"]
+    graph.until(lambda: abs(red() - 220) < 12, "in its colours")
+    at["red"] = 60
+    graph.until(lambda: abs(red() - 60) < 12, "and they move")
+    node.destroy_timer(timer)
+    graph.until(lambda: page.locator("#cameras figure").count() == 0, "a camera that says nothing more goes")
 
 
 WEAK = """name: weak

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -12,15 +12,18 @@ import simgap.cli
 from nermo_gap.blind.cli import mice_app
 from nermo_gap.console import PROGRAM, refusals
 from nermo_gap.explain.cli import explain_command, predict_command
-from nermo_gap.protocol.cli import detectability_command, record_command
+from nermo_gap.protocol.cli import Calibration, Port, detectability_command, record_command, through_graph
 from simgap.blind.cli import blind_app
 from simgap.cli import Baselines, Budget, DiagnosisFile, Only, Out, OwnEffects, Reference, Seed
 from simgap.console import HELP, called, fail, print_diagnosis, progress, silence, writable, write_diagnosis
 from simgap.live.options import HERE, PORT, Web, WebHost, WebPort
 
 if TYPE_CHECKING:
+    from nermo_gap.protocol.next_experiment import HeldPlayer
+    from nermo_sim.experiments.on_robot import Target
     from simgap.analysis.diagnose import Diagnosis
     from simgap.analysis.options import Options
+    from simgap.live.watch import Live
 
 # What does the work takes seconds to import, and help is asked for often: commands import it when they run.
 
@@ -63,6 +66,15 @@ def diagnose_command(
     web: Web = False,
     web_host: WebHost = HERE,
     web_port: WebPort = PORT,
+    target: Annotated[
+        Literal["sim", "serial", "link"] | None,
+        typer.Option(
+            help="With --web: its button, while it is held, plays the next experiment on the twin, a robot at a cable, "
+            "over Wi-Fi."
+        ),
+    ] = None,
+    port: Port = "twin",
+    calibration: Calibration = None,
 ) -> None:
     """Say where the gap of a recording lies, which effect causes it, and how far the effect shrinks it.
 
@@ -71,6 +83,7 @@ def diagnose_command(
       nermo gap diagnose recordings/today --robot nermo --out diagnosis
       nermo gap diagnose recordings/today --reference recordings/yesterday
       nermo gap diagnose recordings/today --web
+      nermo gap diagnose recordings/today --web --target serial --port /dev/ttyUSB0 --calibration my_robot.yaml
       nermo gap diagnose log.csv --model robot.xml --map map.yaml --json diagnosis.json
     """
     other = model is not None or map_ is not None
@@ -79,6 +92,8 @@ def diagnose_command(
     mouse = robot is not None or (not other and any(r.suffix.lower() == ".mcap" or r.is_dir() for r in recordings))
     if not mouse and (model is None or map_ is None):
         fail("a table needs --model MODEL.xml and --map MAP.yaml, or --robot where it is one of the mouse", 2)
+    if target is not None and not (web and mouse):
+        fail("--target moves the mouse by a button of the page: it goes with --web, and with no other robot", 2)
     with refusals():
         from simgap.analysis.options import Options
         from simgap.effects.library import chosen_effects, load_effects
@@ -88,7 +103,8 @@ def diagnose_command(
         extra = tuple(c for path in effects or () for c in load_effects(path))
         chosen_effects(extra, only or ())
         options = Options(seed, None, extra, {}, baselines, tuple(only or ()), budget=budget)
-        with watched(web, web_host, web_port) as live:
+        player = None if target is None else _player(target, port, calibration)
+        with watched(web, web_host, web_port, player) as live:
             with silence() as terminal, progress("align", terminal) as say:
                 options.progress, options.staged = (live.beside(say), live.staged) if live else (say, None)
                 if model is not None and map_ is not None:
@@ -99,13 +115,34 @@ def diagnose_command(
 
                     found = diagnose_recordings(recordings, robot, options, reference or ())
             found.report["command"] = called(PROGRAM, "diagnose")
+            folder = out or (json_.parent if json_ else Path("diagnosis"))
             if mouse:
                 from nermo_gap.robots.checks import what_to_do
 
-                folder = out or (json_.parent if json_ else Path("diagnosis"))
                 found.report["what_to_do"] = what_to_do(found.report, str(folder), [str(r) for r in recordings])
-            written = write_diagnosis(found, out or (None if json_ else Path("diagnosis")), json_, live)
+            written = write_diagnosis(found, None if json_ and not out else folder, json_, live)
             print_diagnosis(found, written)
+            if live and player:
+                _play_next(found, live, player, recordings, folder, robot is not None)
+
+
+def _player(target: Target, port: str, calibration: Path | None) -> HeldPlayer:
+    from nermo_gap.protocol.next_experiment import HeldPlayer
+
+    return HeldPlayer(through_graph(), target, port, calibration)
+
+
+def _play_next(
+    found: Diagnosis, live: Live, player: HeldPlayer, recordings: Sequence[Path], folder: Path, named: bool
+) -> None:
+    from nermo_gap.protocol.next_experiment import Beside
+
+    if found.proposal is None:
+        typer.echo("no experiment is proposed, so that there is nothing to play", err=True)
+        return
+    player.beside = Beside(str(found.report["robot_file"]), recordings, folder, named)
+    typer.echo("the page plays the next experiment while its button is held; Ctrl-C ends", err=True)
+    live.play(found.proposal.experiment, found.plant)
 
 
 def _diagnosed(

@@ -31,10 +31,12 @@ from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
 from nermo_web.door import LONGEST_TEXT, MOST_MESSAGES
+from nermo_web.pictures import kind_of
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
-SCENE, LINE = "/3d/", "/line"
-"""Paths of viser's page, whose own line is the same without its last slash, and of the line to the graph."""
+SCENE, LINE, CAMERA = "/3d/", "/line", "/camera/"
+"""Paths of viser's page, whose own line is the same without its last slash, of the line to the graph, and of a camera's
+picture, which has its number there."""
 START_S = 10.0
 PING_S = 5.0
 """A browser that does not answer for so long is gone."""
@@ -78,6 +80,8 @@ class PageServer:
         self._token, self._scene_port = token, scene_port
         self.events: SimpleQueue[Event] = SimpleQueue()
         """What browsers did, in order."""
+        self.pictures: list[bytes] = []
+        """Of cameras, in an order that the page is told; to be replaced whole."""
         self._lines: dict[int, ServerConnection] = {}
         self._last_viewer = 0
         self._scene_page = b""
@@ -220,6 +224,12 @@ class PageServer:
             return line.respond(http.HTTPStatus.NOT_FOUND, f"there is no line {path}\n")
         if path == SCENE:
             return self._page(self._scene_page, "text/html")
+        if path.startswith(CAMERA):
+            number, pictures = path.removeprefix(CAMERA), self.pictures
+            if number.isdecimal() and len(number) < 3 and int(number) < len(pictures):
+                picture = pictures[int(number)]
+                return self._page(picture, kind_of(picture))
+            return line.respond(http.HTTPStatus.NOT_FOUND, f"there is no camera {number}\n")
         name = path.lstrip("/") or "index.html"
         file = files("nermo_web") / "page" / name
         if "/" in name or name.startswith(".") or not file.is_file():
@@ -229,7 +239,7 @@ class PageServer:
     def _page(self, body: bytes, kind: str) -> Response:
         headers = Headers(
             [
-                ("Content-Type", f"{kind}; charset=utf-8"),
+                ("Content-Type", f"{kind}; charset=utf-8" if kind.startswith("text/") else kind),
                 ("Content-Length", str(len(body))),
                 ("Cache-Control", "no-cache"),
                 ("X-Content-Type-Options", "nosniff"),

@@ -69,6 +69,17 @@ def flood(line: ClientConnection) -> None:
         line.send("{}")
 
 
+def test_pictures_have_numbers_and_their_own_kind(server: PageServer, guarded: PageServer) -> None:
+    png = b"\x89PNG\r\n\x1a\n..."
+    server.pictures, guarded.pictures = [b"\xff\xd8\xff...", png], [png]
+    assert get(server, "/camera/1")[:2] == (200, png)
+    for number in ("2", "", "-1", "x", "1" * 400):
+        assert get(server, f"/camera/{number}")[0] == 404, number
+    assert get(guarded, "/camera/0")[0] == 403
+    server.pictures = []
+    assert get(server, "/camera/0")[0] == 404
+
+
 def test_it_serves_the_page_and_the_scene(server: PageServer) -> None:
     assert b"<title>Nermo</title>" in get(server, "/")[1]
     assert b"use strict" in get(server, "/page.js")[1]

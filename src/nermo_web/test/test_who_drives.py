@@ -8,7 +8,7 @@ from nermo_control.driver import Driver, Limits
 from nermo_control.types import ControlCommand, Posture
 from nermo_description.silence import OWNER, STICK
 from nermo_web.door import Settings, Stick, Take
-from nermo_web.who_drives import Lateness, WhoDrives
+from nermo_web.who_drives import WhoDrives
 
 FULL_SPEED = Limits().max_forward_velocity
 ANNA, BERT = 1, 2
@@ -147,12 +147,3 @@ def test_settings_are_those_that_there_are(page: Page) -> None:
     command = page.command()
     assert (command.gait, command.gait_frequency, command.spine_modes.turning) == ("bound", 1.5, True)
     assert command.forward_velocity == pytest.approx(0.3 * FULL_SPEED)
-
-
-def test_lateness_needs_no_common_clock_and_forgets_slowly() -> None:
-    lateness = Lateness()
-    assert lateness.of(sent=5.0, arrived=105.3) == 0.0
-    assert lateness.of(sent=6.0, arrived=106.1) == 0.0, "a shorter way is known now"
-    assert lateness.of(sent=7.0, arrived=107.6) == pytest.approx(0.5, abs=1e-3)
-    # Clocks that drift apart by 50 ppm, over a day, a message a second.
-    assert max(lateness.of(sent=8.0 + t, arrived=108.1 + t * 1.00005) for t in range(86_400)) < 0.01

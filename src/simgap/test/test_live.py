@@ -24,11 +24,14 @@ from typer.testing import CliRunner
 from yaml import safe_dump
 
 from simgap.analysis.diagnose import diagnose
+from simgap.analysis.experiment import Experiment
 from simgap.analysis.options import Options
 from simgap.analysis.stages import Checked, Decided, Leading, Located, Staged
 from simgap.cli import app
 from simgap.data.errors import GapInputError
+from simgap.data.plant import Plant
 from simgap.data.recording import recording_from_table
+from simgap.live.player import Hand, Played, Tell
 from simgap.live.server import PageServer
 from simgap.live.story import STEPS, Story
 
@@ -169,6 +172,104 @@ def test_open_to_others_it_asks_for_the_token(story: Story) -> None:
         assert asked(server, "/live.js", Cookie=cookie[:-1])[0] == 403
     finally:
         server.close(0.0)
+
+
+class Button:
+    """A player that only notes what hands do."""
+
+    robot, prepare = "nothing", ""
+
+    def __init__(self) -> None:
+        self.here: set[int] = set()
+        self.hands: list[Hand] = []
+
+    def join(self, viewer: int) -> None:
+        self.here.add(viewer)
+
+    def leave(self, viewer: int) -> None:
+        self.here.discard(viewer)
+
+    def hold(self, hand: Hand) -> str:
+        self.hands.append(hand)
+        return "" if hand.viewer in self.here else "who is that?"
+
+    def held(self) -> bool:
+        return False
+
+    def play(self, experiment: Experiment, plant: Plant, tell: Tell) -> Played:
+        raise NotImplementedError
+
+
+def said(server: PageServer, body: str, **headers: str) -> tuple[int, str]:
+    """The answer to what a browser says of its hand."""
+    line = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10.0)
+    ours = {"Origin": f"http://127.0.0.1:{server.port}", "Content-Type": "application/json"}
+    line.request("POST", "/hand", body, {**ours, **{k.replace("_", "-"): v for k, v in headers.items()}})
+    answer = line.getresponse()
+    text = answer.read().decode()
+    line.close()
+    return answer.status, text
+
+
+HAND = '{"viewer": 1, "press": 2, "sent": 3.5}'
+
+
+def test_a_hand_is_taken_from_the_page_itself_and_from_nobody_else(story: Story) -> None:
+    button = Button()
+    server = PageServer(story, "", "127.0.0.1", 0, button)
+    try:
+        line = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10.0)
+        line.request("GET", "/events")
+        answer = line.getresponse()
+        assert [answer.readline() for _ in range(3)] == [b"event: you\n", b"data: 1\n", b"\n"]
+        assert said(server, HAND) == (200, "") and button.hands == [Hand(viewer=1, press=2, sent=3.5)]
+        assert said(server, HAND.replace("1", "7", 1)) == (200, "who is that?")
+        for elsewhere in ("http://mouse.example", f"http://localhost:{server.port}", "null", ""):
+            status, why = said(server, HAND, Origin=elsewhere)
+            assert status == 403 and "elsewhere" in why
+        # What a form of another page may send without being asked.
+        assert said(server, HAND, Content_Type="text/plain")[0] == 400
+        assert said(server, HAND, Host="mouse.example", Origin="http://mouse.example")[0] == 403
+        answer.close()
+        line.close()
+        until(lambda: not button.here, "whoever closes the page is gone")
+        assert len(button.hands) == 2
+    finally:
+        server.close(0.0)
+
+
+@pytest.mark.parametrize(
+    ("body", "why"),
+    [
+        ("", "hand: Invalid JSON"),
+        ("[1]", "hand: Input should be an object"),
+        (HAND.replace("2", "-2"), "press: "),
+        (HAND.replace("2", "true"), "press: "),
+        (HAND.replace("3.5", "NaN"), "sent: "),
+        (HAND.replace("1", '"1"', 1), "viewer: "),
+        (HAND.replace("}", ', "more": 1}'), "more: "),
+        (HAND + " " * 200, "at most 200 bytes"),
+    ],
+)
+def test_what_is_no_hand_is_refused_in_words(story: Story, body: str, why: str) -> None:
+    button = Button()
+    server = PageServer(story, "", "127.0.0.1", 0, button)
+    try:
+        status, text = said(server, body)
+        assert status == 400 and why in text and button.hands == []
+    finally:
+        server.close(0.0)
+
+
+def test_a_hand_needs_the_token_and_without_a_player_there_is_no_button(story: Story) -> None:
+    open_, none = PageServer(story, "", "0.0.0.0", 0, Button()), served(story)
+    try:
+        assert said(open_, HAND)[0] == 403
+        assert said(open_, HAND, Cookie=f"simgap_{open_.port}={open_.token}")[0] == 200
+        assert said(none, HAND)[0] == 404
+    finally:
+        open_.close(0.0)
+        none.close(0.0)
 
 
 def test_a_port_that_is_taken_is_said(story: Story) -> None:

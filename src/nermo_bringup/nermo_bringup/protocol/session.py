@@ -21,7 +21,7 @@ from nermo_bringup.launch.description import load
 from nermo_bringup.launch.executables import find_launch_file
 from nermo_bringup.launch.running_graph import ALIVE, Graph, running_graph
 from nermo_bringup.nodes.conductor import ConductorNode, in_graph
-from nermo_bringup.protocol.dead_man import hint, watching
+from nermo_bringup.protocol.dead_man import Watch, hint, watching
 from nermo_description.model import build_model
 from nermo_description.parameter_files import write_yaml
 from nermo_description.results import CommandError
@@ -69,7 +69,8 @@ def session(request: Request) -> Iterator[Session]:
     Raises:
         CommandError: a real mouse would have nobody who watches it.
     """
-    if not (request.on_twin and request.watched_by == "none") and not sys.stdin.isatty():
+    unwatched = request.on_twin and request.watched_by == "none"
+    if request.watcher is None and not unwatched and not sys.stdin.isatty():
         raise CommandError(
             "a real mouse is watched: it waits for Enter, and moves while the space bar is held, so that "
             "this needs a terminal as its input",
@@ -111,7 +112,7 @@ class Session:
     def _prepare(self, segment: Segment) -> None:
         """Says what to prepare; beside a real mouse, waits until it is."""
         self.announce(f"{segment.name}: {segment.tell}")
-        if not self._request.on_twin:
+        if not self._request.on_twin and self._request.watcher is None:
             self.ask("press Enter when it is so (Ctrl-C leaves)")
 
     def announce(self, text: str) -> None:
@@ -156,7 +157,7 @@ class Session:
         played: list[Played] = []
         try:
             with (
-                watching(request.watched_by, request.pad) as held,
+                self._watched() as held,
                 in_graph(NAMESPACE, sim_time=request.target == "sim") as node,
             ):
                 self._refuse_another_graph(node, arguments)
@@ -202,7 +203,8 @@ class Session:
     ) -> None:
         """Until all pieces are played, or somebody leaves; the mouse stands then."""
         last, before, checked, stepped = -1, False, 0.0, self._request.target == "sim"
-        if (what := hint(self._request.watched_by)) != "":
+        watcher = self._request.watcher
+        if (what := watcher.hint if watcher else hint(self._request.watched_by)) != "":
             self.tell(f"{what}: the mouse stands up and begins; let go and it stands still (Ctrl-C leaves)")
         begun = False
         try:
@@ -246,9 +248,21 @@ class Session:
     def tell(self, text: str) -> None:
         """Says what happens."""
         self._console.print(f"  {text}")
+        if self._request.watcher:
+            self._request.watcher.tell(text)
+
+    @contextmanager
+    def _watched(self) -> Iterator[Watch]:
+        """What tells whether somebody lets the mouse move."""
+        if self._request.watcher:
+            yield self._request.watcher.held
+            return
+        with watching(self._request.watched_by, self._request.pad) as held:
+            yield held
 
     def _look_for_leaving(self) -> None:
-        if self._signals.received is not None:
+        watcher = self._request.watcher
+        if self._signals.received is not None or (watcher and watcher.gone()):
             raise LeftError
 
     @contextmanager

@@ -26,13 +26,25 @@ def replay(
     robot: Annotated[str, typer.Option(help="Name or parameter file; default: the recorded robot.")] = "",
     out: Annotated[Path | None, typer.Option(help="Write recorded and replayed side by side into this .csv.")] = None,
     json: Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")] = None,
+    web: Annotated[bool, typer.Option("--web", help="See what was recorded in the browser, in its own time.")] = False,
+    web_host: Annotated[
+        str, typer.Option(metavar="HOST", help="With --web: 0.0.0.0 opens the page to who has its token.")
+    ] = "127.0.0.1",
+    web_port: Annotated[
+        int, typer.Option(metavar="PORT", min=0, max=65535, help="With --web: where the page is; 0: any that is free.")
+    ] = 8080,
 ) -> None:
     """Feed a recording's commands to a fresh twin and say how far it is from what was recorded.
+
+    With --web it is shown instead, until Ctrl-C, again and again.
 
     \b
     nermo replay recordings/today
     nermo replay recordings/today --commands control --out comparison.csv
+    nermo replay recordings/today --web
     """
+    if web:
+        _show(recording, robot, web_host, web_port, compared=out is not None or json is not None)
     from rich.console import Console
     from rich.progress import Progress
     from rich.table import Table
@@ -84,6 +96,25 @@ def replay(
             "final_difference": {"x_m": pose[0], "y_m": pose[1], "yaw_rad": pose[2]},
         }
         write_results(json, "replay", facts, robot=parameters.name)
+
+
+def _show(path: Path, robot: str, host: str, port: int, compared: bool) -> None:
+    """In the browser; ends the command."""
+    from nermo_bringup.network import use_network
+    from nermo_bringup.nodes.shown_recording import show
+    from nermo_bringup.recording.errors import RecordingError
+    from nermo_bringup.recording.replay import recorded_robot
+    from nermo_node.recording_reader import Recording
+
+    if compared:
+        raise CommandError("--web shows what was recorded and compares nothing: leave --out and --json out", status=2)
+    use_network("localhost")
+    try:
+        source = Recording(path)
+        source.topic_ending("odom")
+        raise typer.Exit(show(source, robot or recorded_robot(source) or "nermo_lite", host, port))
+    except RecordingError as error:
+        raise CommandError(str(error)) from error
 
 
 def repair(

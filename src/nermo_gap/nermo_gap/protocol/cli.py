@@ -13,12 +13,27 @@ from simgap.console import fail, progress, writable
 if TYPE_CHECKING:
     from nermo_gap.protocol.through_graph import ThroughGraph
 
+Port = Annotated[
+    str, typer.Option(help="With --target: where the robot is; twin is an emulated device with the twin behind it.")
+]
+Calibration = Annotated[
+    Path | None,
+    typer.Option(exists=True, dir_okay=False, help="With --target serial: the file that nermo hw calibrate wrote."),
+]
+
 _through_graph: list[ThroughGraph] = []
 
 
 def hand_in(through_graph: ThroughGraph) -> None:
     """Who has a graph hands in what plays a protocol through it."""
     _through_graph[:] = [through_graph]
+
+
+def through_graph() -> ThroughGraph:
+    """What was handed in; ends the command where nothing was."""
+    if not _through_graph:
+        fail("--target needs the graph: call this as nermo gap", 2)
+    return _through_graph[0]
 
 
 def record_command(
@@ -37,12 +52,8 @@ def record_command(
         Literal["sim", "serial", "link"] | None,
         typer.Option(help="Through the graph: on the twin, a robot at a cable, over Wi-Fi."),
     ] = None,
-    port: Annotated[
-        str, typer.Option(help="With --target: where the robot is; twin is an emulated device with the twin behind it.")
-    ] = "twin",
-    calibration: Annotated[
-        Path | None, typer.Option(help="With --target serial: the file that nermo hw calibrate wrote.")
-    ] = None,
+    port: Port = "twin",
+    calibration: Calibration = None,
     dead_man: Annotated[
         Literal["space", "pad", "none"] | None,
         typer.Option(help="Held while the mouse moves. Default: the space bar; nothing where it is the twin."),
@@ -81,9 +92,7 @@ def record_command(
             asked = Request(chosen, parameters, robot, out, target, port, calibration, dead_man, pad, seed)
             if markers and asked.on_twin:
                 fail("--markers: the twin in the graph wears none; leave --target out, or give the robot's --port", 2)
-            if not _through_graph:
-                fail("--target needs the graph: call this as nermo gap record", 2)
-            folders = _through_graph[0](asked)
+            folders = through_graph()(asked)
         else:
             twin = Body.twin(parameters, markers)
             body, wrong = (twin, None) if hidden is None else draw(parameters, hidden, fault, markers)

@@ -33,7 +33,7 @@ class Played:
 
 def asked(piece: Piece, t: float, robot: RobotParameters) -> tuple[ControlCommand, Targets | None]:
     """What is commanded ``t`` [s] from a piece's beginning, and where its waves have the servos."""
-    if piece.waves:
+    if piece.of_servos:
         return DIRECT, piece.targets(t, robot)
     said = STAND
     if t < piece.seconds - REST:

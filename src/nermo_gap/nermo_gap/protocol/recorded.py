@@ -25,7 +25,7 @@ class Recorded:
     Attributes:
         tables: their columns; runs are numbered through from one to the next.
         stands: what each hung in; None on the floor.
-        looks: {run: [s] from its beginning} where a diagnosis looks; empty unless all are of a protocol.
+        looks: {run: [s] from its beginning} where a diagnosis looks; empty unless all are of protocols that say so.
     """
 
     tables: list[dict[str, Array]]
@@ -57,8 +57,17 @@ def read(paths: Sequence[Path], scenes: Sequence[SceneFile | None], robot: Robot
             looks |= {float(first + i): piece.looks for i, piece in enumerate(scene.pieces)}
             first += len(scene.pieces)
         tables.append(table)
-    known = all(scene is not None for scene in scenes) and any(looks.values())
-    return Recorded(tables, hung, looks if known else {})
+    return Recorded(tables, hung, looks if _all_say(scenes) else {})
+
+
+def _all_say(scenes: Sequence[SceneFile | None]) -> bool:
+    """Whether all are of protocols, each of which says in some piece where to look."""
+    says: dict[str, bool] = {}
+    for scene in scenes:
+        if scene is None:
+            return False
+        says[scene.protocol] = says.get(scene.protocol, False) or any(piece.looks for piece in scene.pieces)
+    return all(says.values())
 
 
 def _table(path: Path, scene: SceneFile | None, robot: RobotParameters) -> dict[str, Array]:

@@ -74,12 +74,41 @@ class Piece:
     commands: tuple[tuple[float, ControlCommand], ...] = ()
     looks: tuple[float, ...] = ()
 
+    @property
+    def of_servos(self) -> bool:
+        """Whether it says where the servos are, rather than what an operator would say."""
+        return bool(self.waves)
+
     def targets(self, t: float, robot: RobotParameters) -> dict[str, float]:
         """Servo angles [rad] at ``t`` [s] from the piece's beginning, within the servos' limits."""
         angles = {name: servo.neutral for name, servo in robot.servos.items()}
         for wave in self.waves:
             angles[wave.servo] += wave.value(t - REST, self.seconds - 2.0 * REST)
-        return {n: min(max(a, robot.servos[n].lower), robot.servos[n].upper) for n, a in angles.items()}
+        return _within(angles, robot)
+
+
+@dataclass(frozen=True)
+class Rows(Piece):
+    """A piece that says where the servos are row by row; each holds for ``period`` [s], the last one to the end."""
+
+    period: float = 1.0
+    rows: tuple[Mapping[str, float], ...] = ()
+    """[rad] by servo; one that is not named keeps its neutral angle."""
+
+    @property
+    def of_servos(self) -> bool:
+        """It does."""
+        return True
+
+    def targets(self, t: float, robot: RobotParameters) -> dict[str, float]:
+        """Servo angles [rad] at ``t`` [s] from the piece's beginning, within the servos' limits."""
+        neutral = {name: servo.neutral for name, servo in robot.servos.items()}
+        row = self.rows[min(max(int(t / self.period + 1e-6), 0), len(self.rows) - 1)]
+        return _within(neutral | dict(row), robot)
+
+
+def _within(angles: Mapping[str, float], robot: RobotParameters) -> dict[str, float]:
+    return {n: min(max(a, robot.servos[n].lower), robot.servos[n].upper) for n, a in angles.items()}
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from nermo_node.diagnostics import OK, Diagnostics, Status
 from nermo_node.parameters import blame, declare
 from nermo_node.run import run
 from nermo_web import door
+from nermo_web.nodes.cameras import Cameras
 from nermo_web.nodes.live_parameters import LiveParameters
 from nermo_web.nodes.shown_topics import ShownTopics, as_text
 from nermo_web.page_server import LOOPBACK, Event, PageServer
@@ -44,6 +45,7 @@ class WebParameters(Limits):
     scene: str = Field("flat", description="scene that it is in, as the twin's: a name, or an MJCF file")
     host: str = Field("127.0.0.1", description="where to listen; 0.0.0.0: for everybody who has the token")
     port: int = Field(8080, ge=0, le=65535, description="where to listen; 0: any that is free")
+    recording: str = Field("", description="recording that is shown; then nothing drives here")
 
 
 class Web(Node):
@@ -55,10 +57,12 @@ class Web(Node):
         with blame("robot"):
             robot = load_any_robot(parameters.robot)
         self._refused = Complaints(self, "refused")
+        self._recording = parameters.recording
         self._driver = Driver(parameters)
         self._who_drives = WhoDrives(self._driver)
         self._operator = Operator(self, self._driver, self._refused.add_one)
         self._live = LiveParameters(self, self._on_parameters)
+        self._cameras = Cameras(self, self._refused.add_one)
         self._recorder = self.create_client(SetBool, "recorder/record")
         with blame("scene"):
             self._shown = ShownTopics(self, robot, parameters.scene, self._refused.add_one)
@@ -88,6 +92,8 @@ class Web(Node):
     def _listen(self) -> None:
         while not self._page.events.empty():
             self._on_event(self._page.events.get())
+        if self._recording:
+            return
         now = time.monotonic()
         if self._operator.stop_is_news or self._who_drives.ends or now - self._commanded_at >= COMMAND_PERIOD_S:
             self._commanded_at = now
@@ -114,6 +120,8 @@ class Web(Node):
     def _obey(self, viewer: int, at: float, message: door.Message) -> str:
         """Does what a viewer wants; why not, in words."""
         who_drives = self._who_drives
+        if self._recording and not isinstance(message, door.Beat):
+            return "this is a recording: nothing drives here"
         match message:
             case door.Stick():
                 return who_drives.stick(viewer, message, at)
@@ -169,6 +177,7 @@ class Web(Node):
 
     def _choices(self) -> dict[str, Any]:
         return {
+            "recording": self._recording,
             "spine": list(SPINE_FUNCTIONS),
             "frequency_hz": list(FREQUENCY_RANGE_HZ),
             "speed_steps": SPEED_STEPS,
@@ -178,6 +187,8 @@ class Web(Node):
 
     def _tell(self) -> None:
         told = self._shown.told()
+        pictures = self._cameras.pictures(watched=self._who_drives.viewers > 0)
+        self._page.pictures = list(pictures.values())
         if self._who_drives.viewers == 0:
             return
         driver = self._driver
@@ -197,6 +208,7 @@ class Web(Node):
                 drives=self._who_drives.holder(time.monotonic()),
                 posture=driver.posture.name.lower(),
                 viewers=self._who_drives.viewers,
+                cameras=list(pictures),
                 settings=settings,
             )
         )

@@ -138,6 +138,7 @@ $("record").addEventListener("click", () => send({ kind: "record", on: !$("recor
 let limits = null;
 function hello(message) {
   me = message.you; limits = message;
+  document.body.classList.toggle("recording", message.recording !== "");
   stick.held = 0;
   [$("frequency").min, $("frequency").max] = message.frequency_hz;
   $("pace").max = message.speed_steps;
@@ -168,13 +169,14 @@ function show(message) {
   $("stopped").hidden = !(message.stopped || message.power.startsWith("limp"));
   put("power", message.power);
   const trouble = message.trouble.join(" · ");
-  put("status", trouble || (message.viewers > 1 ? `${message.viewers} look at this page` : ""));
+  put("status", trouble || limits.recording || (message.viewers > 1 ? `${message.viewers} look at this page` : ""));
   $("status").className = trouble ? "bad" : "";
   const other = message.drives !== null && message.drives !== me;
   $("stick").classList.toggle("refused", other || message.stopped);
   put("driver", message.stopped ? "Stopped. Release it to drive." : other ? `Viewer ${message.drives} drives.`
     : message.drives === me ? "You drive. Let go to stop." : "Press the stick to drive; let go to stop.");
   walk(message.settings);
+  watch(message.cameras);
   const loads = $("loads").children;
   LEGS.forEach((_, leg) => {
     const load = message.loads_n?.[leg];
@@ -195,6 +197,24 @@ function show(message) {
     }
     list.children[2 * row + 1].textContent = value;
   });
+}
+
+// --- Cameras: each picture is asked for when the one before is there, so that a slow line carries few
+
+const PICTURE_MS = 100;
+function watch(topics) {
+  const box = $("cameras");
+  if ([...box.children].map((f) => f.dataset.topic).join() === topics.join()) return;
+  box.replaceChildren(...topics.map((topic, number) => {
+    const figure = document.createElement("figure"), image = document.createElement("img");
+    figure.dataset.topic = image.alt = topic;
+    let count = 0;
+    const next = () => { if (figure.isConnected) image.src = `camera/${number}?${++count}`; };
+    image.onload = image.onerror = () => setTimeout(next, PICTURE_MS);
+    figure.append(image, Object.assign(document.createElement("figcaption"), { textContent: topic }));
+    setTimeout(next, 0);
+    return figure;
+  }));
 }
 
 function walk(settings) {

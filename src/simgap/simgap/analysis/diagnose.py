@@ -70,6 +70,11 @@ class Diagnosis:
         """The winner with the numbers that are reported."""
         return self.longer.fit if self.longer else self.selection.best.fit
 
+    @property
+    def plant(self) -> Plant:
+        """What was diagnosed, as it was replayed."""
+        return self.selector.fitter.residuals.replayer.plant
+
 
 def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | None = None) -> Diagnosis:
     """Diagnose the gap between recordings and the nominal model.
@@ -339,8 +344,7 @@ def write_experiment(found: Diagnosis, folder: str | Path, menu: Menu | None = N
     """Write the command file of the proposed experiment into a folder, and its name into the report."""
     if found.proposal is None:
         return None
-    plant = found.selector.fitter.residuals.replayer.plant
-    path = (menu or GenericMenu()).write(found.proposal.experiment, plant, Path(folder) / "next_experiment")
+    path = (menu or GenericMenu()).write(found.proposal.experiment, found.plant, Path(folder) / "next_experiment")
     found.report["next_experiment"]["file"] = path.name
     return path
 

@@ -1,6 +1,6 @@
 """Serves the page of a diagnosis on a port: its files, its events as they come, the report when it is there.
 
-Whoever opens it only reads: there is nothing here that a browser could change.
+Whoever opens it only reads, unless a player was handed in: then a hand on the page's button is taken too.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import hmac
 import http
+import itertools
 import mimetypes
 import secrets
 import select
@@ -15,12 +16,16 @@ import socket
 import threading
 import time
 import urllib.parse
+from collections.abc import Iterator
 from http.cookies import CookieError, SimpleCookie
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import Any
 
+from pydantic import ValidationError
+
 from simgap.data.errors import GapInputError
+from simgap.live.player import Hand, Player
 from simgap.live.story import Story
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
@@ -28,6 +33,8 @@ HEARTBEAT_S = 5.0
 """Between two signs of life to a browser to which there is nothing to tell: one that is gone is noticed."""
 STUCK_S = 20.0
 """A browser that takes nothing for so long is gone."""
+LONGEST_HAND = 200
+"""Bytes of what a browser says of a hand."""
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self'; "
     "img-src 'self' data:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
@@ -41,13 +48,16 @@ class PageServer:
         host: Where to listen. Anything but this machine itself gives the address a token, without which nothing is
             served.
         port: 0: any that is free.
+        player: What a hand on the page's button is for; None: nothing is taken.
 
     Raises:
         GapInputError: it cannot listen there.
     """
 
-    def __init__(self, story: Story, page: str, host: str, port: int) -> None:
-        self.story, self.page, self.report = story, page.encode(), b""
+    def __init__(self, story: Story, page: str, host: str, port: int, player: Player | None = None) -> None:
+        self.story, self.page, self.report, self.player = story, page.encode(), b"", player
+        self.numbers = itertools.count(1)
+        """Of the browsers that follow."""
         self.token = "" if host in LOOPBACK else secrets.token_urlsafe(16)
         self._host, self._readers, self._left = host, 0, threading.Condition()
         try:
@@ -70,16 +80,26 @@ class PageServer:
         return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/{token}"
 
     @contextlib.contextmanager
-    def reading(self) -> Any:
-        """While a browser follows."""
+    def reading(self) -> Iterator[int]:
+        """While a browser follows; its number."""
         with self._left:
             self._readers += 1
+            viewer = next(self.numbers)
+        if self.player:
+            self.player.join(viewer)
         try:
-            yield
+            yield viewer
         finally:
+            if self.player:
+                self.player.leave(viewer)
             with self._left:
                 self._readers -= 1
                 self._left.notify_all()
+
+    @property
+    def readers(self) -> int:
+        """How many browsers follow."""
+        return self._readers
 
     def close(self, patience: float) -> None:
         """End, as soon as every browser that follows has all it needs; at the latest after ``patience`` [s]."""
@@ -105,6 +125,7 @@ class _Server(ThreadingHTTPServer):
 class _Handler(BaseHTTPRequestHandler):
     server: _Server
     timeout = STUCK_S
+    protocol_version = "HTTP/1.1"  # so that a hand, told of 20 times a second, keeps its connection
 
     def log_message(self, format: str, *args: Any) -> None:
         """The terminal is the diagnosis's."""
@@ -117,8 +138,8 @@ class _Handler(BaseHTTPRequestHandler):
         elif path == "/":
             self._answer(owner.page, "text/html")
         elif path == "/events":
-            with owner.reading():
-                self._events()
+            with owner.reading() as viewer:
+                self._events(viewer)
         elif path == "/report.html" and owner.report:
             self._answer(owner.report, "text/html")
         else:
@@ -129,9 +150,40 @@ class _Handler(BaseHTTPRequestHandler):
             else:
                 self._answer(file.read_bytes(), mimetypes.guess_type(name)[0] or "text/plain")
 
+    def do_POST(self) -> None:
+        """Take a hand on the button; the answer is why it does not count, or nothing."""
+        owner, path = self.server.owner, urllib.parse.urlsplit(self.path).path
+        length, kind = self.headers.get("Content-Length", ""), self.headers.get("Content-Type", "")
+        if refusal := self._refusal() or self._foreign():
+            self._answer(refusal.encode() + b"\n", "text/plain", http.HTTPStatus.FORBIDDEN)
+        elif path != "/hand" or owner.player is None:
+            self._answer(f"there is nothing to say to {path}\n".encode(), "text/plain", http.HTTPStatus.NOT_FOUND)
+        elif kind != "application/json" or not (length.isdecimal() and int(length) <= LONGEST_HAND):
+            told = f"refused: JSON of at most {LONGEST_HAND} bytes\n"
+            self._answer(told.encode(), "text/plain", http.HTTPStatus.BAD_REQUEST)
+        else:
+            try:
+                hand = Hand.model_validate_json(self.rfile.read(int(length)))
+            except ValidationError as error:
+                first = error.errors(include_url=False)[0]
+                told = f"refused: {'.'.join(map(str, first['loc'])) or 'hand'}: {first['msg']}\n"
+                self._answer(told.encode(), "text/plain", http.HTTPStatus.BAD_REQUEST)
+            else:
+                self._answer(owner.player.hold(hand).encode(), "text/plain")
+
+    def _foreign(self) -> str:
+        """Why a page may say nothing here; empty where it is ours."""
+        origin = self.headers.get("Origin", "")
+        if urllib.parse.urlsplit(origin).netloc != self.headers.get("Host", ""):
+            return "refused: a page from elsewhere may not move this robot"
+        return ""
+
     def _answer(self, body: bytes, kind: str, status: http.HTTPStatus = http.HTTPStatus.OK) -> None:
         self._head(kind, status)
         self.send_header("Content-Length", str(len(body)))
+        if status is not http.HTTPStatus.OK:
+            # What else came with it may not have been read.
+            self.send_header("Connection", "close")
         self.end_headers()
         self.wfile.write(body)
 
@@ -147,12 +199,16 @@ class _Handler(BaseHTTPRequestHandler):
             cookie = f"{self._cookie}={owner.token}; HttpOnly; SameSite=Strict; Path=/"
             self.send_header("Set-Cookie", cookie)
 
-    def _events(self) -> None:
+    def _events(self, viewer: int) -> None:
         """All events from the first on, or from where this browser was cut off; until it goes, or has the last."""
         story, last = self.server.owner.story, self.headers.get("Last-Event-ID", "")
         number = int(last) + 1 if last.isdecimal() and len(last) < 10 else 0
         self._head("text/event-stream")
+        self.send_header("Connection", "close")
         self.end_headers()
+        if self.server.owner.player:
+            # Without a number of its own: it is for this browser, and is no part of the story.
+            self.wfile.write(b"event: you\ndata: %d\n\n" % viewer)
         while not self._gone(0.0):
             events, ended = story.since(number, HEARTBEAT_S)
             for text in events:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import math
+import time
 from collections.abc import Callable, Iterator
 from importlib.resources import files
 from pathlib import Path
@@ -10,7 +12,10 @@ from typing import Any
 
 import typer
 
+from simgap.analysis.experiment import Experiment
 from simgap.analysis.stages import Cause, Checked, Decided, Leading, Located, Staged
+from simgap.data.plant import Plant
+from simgap.live.player import Player
 from simgap.live.server import PageServer
 from simgap.live.story import STEPS, Story
 from simgap.report.evidence import Evidence
@@ -22,18 +27,20 @@ Report = dict[str, Any]
 Progress = Callable[[str, float], None]
 
 PATIENCE_S = 10.0
-"""So long the end of a command waits for browsers to fetch what they show."""
+"""So long the end of a command waits for browsers to fetch what they show, or for one that comes back."""
+LOOK_S = 0.05
+"""Between two looks at the button while nothing is played."""
 
 
 class Live:
-    """The page of one diagnosis."""
+    """The page of one diagnosis; with a ``player`` it has a button that plays the next experiment."""
 
-    def __init__(self, host: str, port: int) -> None:
-        self._story = Story()
+    def __init__(self, host: str, port: int, player: Player | None = None) -> None:
+        self._story, self._player = Story(), player
         text = (files("simgap.live") / "page" / "index.html").read_text(encoding="utf-8")
         steps = "".join(f'<li data-step="{s}"><b>{s}</b><i></i><small></small></li>' for s in STEPS)
         text = text.replace("/*colours*/", colours()).replace("<!--steps-->", steps)
-        self._server = PageServer(self._story, text, host, port)
+        self._server = PageServer(self._story, text, host, port, player)
 
     @property
     def address(self) -> str:
@@ -94,8 +101,29 @@ class Live:
             "warnings": report["warnings"],
             "file": str(file.resolve()) if file else None,
             "wall": report["wall_s"],
+            "playable": self._player is not None and proposed is not None,
         }
-        self._story.tell("finished", content, last=True)
+        self._story.tell("finished", content, last=not content["playable"])
+
+    def play(self, experiment: Experiment, plant: Plant) -> None:
+        """Play an experiment as often as somebody holds the button, until every page is closed again, or Ctrl-C."""
+        if (player := self._player) is None:
+            return
+
+        def tell(sentence: str) -> None:
+            self._story.tell("told", {"sentence": sentence})
+
+        self._story.tell("playable", {"robot": player.robot, "prepare": player.prepare})
+        with contextlib.suppress(KeyboardInterrupt):
+            gone = math.inf
+            while time.monotonic() - gone < PATIENCE_S:
+                if player.held():
+                    self._story.tell("plays", {})
+                    self._story.tell("played", vars(player.play(experiment, plant, tell)))
+                if self._server.readers:
+                    gone = time.monotonic()
+                time.sleep(LOOK_S)
+        self._story.tell("over", {}, last=True)
 
     def failed(self, sentence: str) -> None:
         """It ends without an answer."""
@@ -126,8 +154,10 @@ def _curves(evidence: Evidence) -> list[dict[str, Any]]:
 
 
 @contextlib.contextmanager
-def watched(web: bool, host: str, port: int) -> Iterator[Live | None]:
+def watched(web: bool, host: str, port: int, player: Player | None = None) -> Iterator[Live | None]:
     """While a diagnosis runs: its page, or None where none is wanted. How it fails is told there too.
+
+    ``player`` plays the next experiment, if `Live.play` is called.
 
     Raises:
         GapInputError: the page cannot be there.
@@ -135,7 +165,7 @@ def watched(web: bool, host: str, port: int) -> Iterator[Live | None]:
     if not web:
         yield None
         return
-    live = Live(host, port)
+    live = Live(host, port, player)
     typer.echo(f"watch it at {live.address}", err=True)
     try:
         yield live

@@ -11,7 +11,7 @@ const source = new EventSource("events");
 let begun = null, ended = false, curves = [];
 
 source.onopen = () => shown("lost", false);
-source.onerror = () => { if (!ended) shown("lost"); };
+source.onerror = () => { letGo(); if (!ended) shown("lost"); };
 source.onmessage = (message) => {
   const event = JSON.parse(message.data);
   begun = performance.now() - 1e3 * event.seconds;
@@ -88,8 +88,41 @@ const heard = {
       shown("report");
     } finally {
       // The command waits for this.
-      source.close();
+      if (!event.playable) source.close();
     }
+  },
+
+  playable({ robot, prepare }) {
+    at("prepare").textContent = prepare;
+    at("robot").textContent = robot;
+    shown("play");
+    shown("norobot", false);
+    shown("next");
+    beat = setInterval(tellHand, BEAT_MS);
+  },
+
+  plays() {
+    at("told").replaceChildren();
+    shown("told");
+  },
+
+  told({ sentence }) {
+    at("told").append(made("li", sentence));
+  },
+
+  played({ sentence, folder, command }) {
+    letGo();
+    const item = made("li", sentence + (folder ? " " : ""));
+    if (folder) item.append(made("code", folder), commandLine(command));
+    at("played").append(item);
+  },
+
+  over() {
+    letGo();
+    clearInterval(beat);
+    source.close();
+    at("hold").disabled = true;
+    at("prepare").textContent = "The command has ended: nothing is played from here any more.";
   },
 
   failed({ sentence }) {
@@ -164,14 +197,81 @@ function chosen(all) {
 
 function next({ next: sentence, experiment, commands }) {
   at("experiment").textContent = [sentence, experiment && `Its command file: ${experiment}`].filter(Boolean).join(" ");
-  at("commands").replaceChildren(...commands.map((command) => {
-    const line = made("div", "", "command"), button = made("button", "copy");
-    button.onclick = async () => {
-      try { await navigator.clipboard.writeText(command); button.textContent = "copied"; }
-      catch { getSelection().selectAllChildren(line.firstChild); button.textContent = "selected"; }
-    };
-    line.append(made("code", command), button);
-    return line;
-  }));
+  at("commands").replaceChildren(...commands.map(commandLine));
   shown("next", Boolean(sentence) || commands.length > 0);
 }
+
+function commandLine(command) {
+  const line = made("div", "", "command"), button = made("button", "copy");
+  button.onclick = async () => {
+    try { await navigator.clipboard.writeText(command); button.textContent = "copied"; }
+    catch { getSelection().selectAllChildren(line.firstChild); button.textContent = "selected"; }
+  };
+  line.append(made("code", command), button);
+  return line;
+}
+
+// The button that plays the next experiment, only while it is held: by a pointer, the space bar or Enter.
+
+const HAND_MS = 50;  // four times in the 0.25 s after which silence lets go
+const BEAT_MS = 500;
+const WAITING = 3;   // more than these unanswered, and what is said now would only come late
+const hand = { viewer: 0, presses: 0, press: 0, timer: 0, pointer: null, waiting: 0 };
+let beat = 0;
+
+source.addEventListener("you", (message) => { letGo(); hand.viewer = Number(message.data); });
+
+async function tellHand() {
+  const press = hand.press;
+  if (press && hand.waiting >= WAITING) return;
+  hand.waiting++;
+  const body = JSON.stringify({ viewer: hand.viewer, press, sent: performance.now() });
+  try {
+    const answer = await fetch("hand", { method: "POST", body, headers: { "Content-Type": "application/json" }, keepalive: press === 0, signal: AbortSignal.timeout(2000) });
+    const refused = await answer.text();
+    if (refused) {
+      at("refused").textContent = refused;
+      shown("refused");
+      if (hand.press === press) letGo();
+    }
+  } catch { /* Silence lets go by itself. */ } finally { hand.waiting--; }
+}
+
+function press(pointer) {
+  if (hand.press || at("hold").disabled) return;
+  hand.pointer = pointer;
+  hand.press = ++hand.presses;
+  shown("refused", false);
+  at("hold").classList.add("held");
+  tellHand();
+  hand.timer = setInterval(tellHand, HAND_MS);
+}
+
+function letGo() {
+  if (!hand.press) return;
+  clearInterval(hand.timer);
+  hand.press = 0;
+  hand.pointer = null;
+  at("hold").classList.remove("held");
+  tellHand();
+}
+
+at("hold").addEventListener("pointerdown", (event) => {
+  if (event.button !== 0) return;
+  at("hold").setPointerCapture(event.pointerId);
+  press(event.pointerId);
+});
+for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
+  at("hold").addEventListener(end, (event) => { if (event.pointerId === hand.pointer) letGo(); });
+}
+at("hold").addEventListener("keydown", (event) => {
+  if (event.key !== " " && event.key !== "Enter") return;
+  event.preventDefault();
+  if (!event.repeat) press(event.key);
+});
+at("hold").addEventListener("keyup", (event) => { if (event.key === hand.pointer) letGo(); });
+at("hold").addEventListener("contextmenu", (event) => event.preventDefault());
+at("hold").addEventListener("blur", letGo);
+window.addEventListener("blur", letGo);
+window.addEventListener("pagehide", letGo);
+document.addEventListener("visibilitychange", () => { if (document.hidden) letGo(); });
