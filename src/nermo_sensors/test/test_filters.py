@@ -37,7 +37,6 @@ def a_state(model: LoadModel, load: float, rate: float, others: float) -> np.nda
         "creep": 0.1,
         "load_error": 1.0,
         "charge": 5.0,
-        "lagged": 5.0,
     }
     # Plays are somewhere about the load.
     rest = (load - 0.3 * others if name.startswith("play_") else sizes[name] * others for name in model.states[2:])

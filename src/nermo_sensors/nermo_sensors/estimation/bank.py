@@ -39,7 +39,7 @@ class FilterBank(Protocol):
     def P(self) -> Array:  # noqa: N802 - the usual name
         """(B, n, n): their covariances."""
 
-    def restore(self, x: Array, P: Array) -> None:  # noqa: N803 - the usual name
+    def restore(self, x: Array, P: Array) -> None:
         """Back to states (B, n) and covariances (B, n, n) that it had before."""
 
     def predict(self, state: Array, transition: Array, process: Array) -> None:

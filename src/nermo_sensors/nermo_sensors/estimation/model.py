@@ -45,7 +45,7 @@ class LoadModel(Protocol):
     cells: dict[str, CellModel]
     """Of the cells whose memory is part of the state, by name."""
     bend: float
-    """A load that moves by more than this in one step [N] makes the slopes of `predict` wrong; infinite where it is linear."""
+    """A load that moves by more in one step [N] makes the slopes of `predict` wrong; infinite where that is linear."""
 
     def start(self, count: int) -> tuple[Array, Array]:
         """States (B, n) and covariances (B, n, n) before any reading."""

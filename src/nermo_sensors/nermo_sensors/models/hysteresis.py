@@ -44,7 +44,7 @@ class PlayHysteresis:
 
 @dataclass(frozen=True, slots=True)
 class LoopPlays:
-    """Plays with the full loop that a calibration found: the version that an estimator can carry, as some of its states.
+    """Plays with the full loop that a calibration found: the version that an estimator can carry in its states.
 
     felt = elastic F + weight (p1 + ... + pn), each place p within its slack of F. Unlike a law that knows the last
     reversal only (Dahl's), plays come back to where they were after a smaller loop within a larger one.
@@ -57,7 +57,7 @@ class LoopPlays:
 
     @classmethod
     def of_loop(cls, half_width: float, reversal_force: float, count: int) -> LoopPlays:
-        """Plays whose full loop is +-half_width [N] about F and closes as exp(-change / reversal_force [N]) after a reversal.
+        """Plays whose full loop is +-half_width [N] about F and closes as exp(-change / reversal_force [N]).
 
         Infinitely many would do that exactly, their weights falling as exp(-2 slack / reversal_force); here are
         `count` of equal weight, each at the mean slack of its share.
