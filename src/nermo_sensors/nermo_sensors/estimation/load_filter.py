@@ -66,6 +66,8 @@ class LoadFilter:
     def clear(self) -> None:
         """Forgets all readings."""
         self.bank = self._bank(*self.model.start(self._count))
+        self.prediction: tuple[Array, Array] | None = None
+        """States that the last step began with, before its readings, and the Jacobian that led there."""
         self.surprise = np.full((len(self._cells), self._count), np.nan)
         """Squared residual of the last reading over its expected variance, for each cell; about 1 where all is well."""
 
@@ -96,7 +98,8 @@ class LoadFilter:
             raise ValueError(f"period = {period} s: must be finite and above 0")
         model, bank = self.model, self.bank
         x, P = bank.x, bank.P
-        bank.predict(*model.predict(x, period), model.process(period))
+        self.prediction = model.predict(x, period)
+        bank.predict(*self.prediction, model.process(period))
         expected = bank.x[:, 0]
         believed = np.ones(self.surprise.shape, dtype=bool) if trusted is None else trusted
         self._take_all(readings, frequency, believed)
@@ -105,7 +108,8 @@ class LoadFilter:
             # A foot that lands goes through the whole hysteresis within a tick: once more, with slopes as far as that.
             towards = np.where(moved, bank.x[:, 0], expected)
             bank.restore(x, P)
-            bank.predict(*model.predict(x, period, towards), model.process(period))
+            self.prediction = model.predict(x, period, towards)
+            bank.predict(*self.prediction, model.process(period))
             self._take_all(readings, frequency, believed)
 
     def _take_all(self, readings: Array, frequency: float | None, believed: NDArray[np.bool_]) -> None:
