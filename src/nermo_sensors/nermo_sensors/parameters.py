@@ -133,7 +133,7 @@ class MemoryNoise(Parameters):
     acceleration: Variance
     """[(N/s^2)^2/s]"""
     hysteresis: Variance
-    """Of z [1/s]."""
+    """Of the place of each of its plays over the play's slack [1/s]."""
     creep: Variance
     """[1/s]"""
     load_error: Variance

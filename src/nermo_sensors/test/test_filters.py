@@ -15,6 +15,7 @@ from nermo_sensors.estimation.load_filter import ESTIMATORS, LoadFilter, make_mo
 from nermo_sensors.estimation.memory import MemoryModel
 from nermo_sensors.estimation.model import LoadModel
 from nermo_sensors.estimation.offline import estimate, smooth
+from nermo_sensors.models.foot import TactileFeet
 from nermo_sensors.parameters import load_tactile
 
 FEET = load_tactile("cheetah_cub")
@@ -33,12 +34,13 @@ def a_state(model: LoadModel, load: float, rate: float, others: float) -> np.nda
         "bias": 0.1,
         "acceleration": 500.0,
         "frequency": 10.0,
-        "hysteresis": 0.8,
         "creep": 0.1,
         "load_error": 1.0,
         "charge": 5.0,
     }
-    x = np.array([[load, rate, *(sizes[name] * others for name in model.states[2:])]])
+    # Plays are somewhere about the load.
+    rest = (load - 0.3 * others if name.startswith("play_") else sizes[name] * others for name in model.states[2:])
+    x = np.array([[load, rate, *rest]])
     return np.abs(x) if "frequency" in model.states and others < 0.0 else x
 
 
@@ -181,6 +183,35 @@ def test_memory_filter_recovers_from_believing_the_cell_saturated() -> None:
     assert filters.load[0] < 6.0
 
 
+@given(st.floats(0.3, 3.0), st.floats(-3.0, 3.0))
+def test_slopes_towards_a_load_lead_there(load: float, change: float) -> None:
+    """A landing goes through several plays at once: the secant says where they are then, the tangent does not."""
+    model = model_of("memory")
+    x = a_state(model, load, 0.0, 0.5)
+    towards = np.array([load + change])
+    after, jacobian = model.predict(x, PERIOD, towards)
+    moved = x.copy()
+    moved[0, 0] += change - (after[0, 0] - load)
+    exact, _ = model.predict(moved, PERIOD)
+    np.testing.assert_allclose(exact[0], after[0] + jacobian[0] @ (moved - x)[0], atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_load_of_a_foot_that_lands_hard_and_bounces_is_followed(seed: int) -> None:
+    """As the front feet on knees that comply: up to 2.5 N between two readings, down again, then a stance."""
+    feet, cells = load_tactile("nermo_lite"), TactileFeet(load_tactile("nermo_lite"), feet=1, seed=seed)
+    filters = LoadFilter(make_model("memory", feet.calibration, feet.noises), 1)
+    stance = np.concatenate([[1.2, 2.5, 0.3, 0.6, 0.3, 0.5], np.linspace(0.3, 1.8, 110), [0.9]])
+    loads = np.tile(np.concatenate([stance, np.zeros(120)]), 6)
+    errors = []
+    for load in loads.tolist():
+        read = cells.read([load], PERIOD)
+        filters.step(PERIOD, np.array(list(read.values())))
+        errors.append(float(filters.load[0]) - load)
+    settled = np.array(errors[len(loads) // 3 :])
+    assert np.sqrt(np.mean(settled**2)) < 0.12
+
+
 @pytest.fixture(scope="module")
 def third_run() -> object:
     return Rig(periods=3, seconds=2.0).run(FEET, seed=13)
@@ -236,9 +267,10 @@ def test_linear_filter_is_consistent_over_many_runs() -> None:
 def test_gradient_of_memory_model_is_a_secant_away_from_the_reading() -> None:
     model = model_of("memory")
     assert isinstance(model, MemoryModel)
-    x = np.zeros((1, 8))
-    x[0, 0] = 20.0
+    x = np.zeros((1, len(model.states)))
+    x[0, model.states.index("load_error")] = 20.0
     reading = model.piezoresistive(x, np.array([2.5]))
-    implied = reading.gradient[0, 0] * (x[0, 0] - 5.0)
-    assert reading.gradient[0, 0] > 0.05
+    by_felt = reading.gradient[0, model.states.index("load_error")]
+    implied = by_felt * (20.0 - 5.0)
+    assert by_felt > 0.05
     assert implied == pytest.approx(reading.value[0] - 2.5, rel=0.5)

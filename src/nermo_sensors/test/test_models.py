@@ -20,8 +20,9 @@ from nermo_sensors.cells.piezoresistive import (
     SigmoidPair,
     SoftConductance,
 )
+from nermo_sensors.identification.piezoresistive import reversal
 from nermo_sensors.models.foot import TactileFeet
-from nermo_sensors.models.hysteresis import Creep, PlayHysteresis, ReversalHysteresis
+from nermo_sensors.models.hysteresis import Creep, LoopPlays, PlayHysteresis
 from nermo_sensors.parameters import TactileParameters, load_tactile, tactile_names, tactile_of_robot
 
 C_CELL = LinearConductance(1.01e-5, 4.14e-5, 4.14e-5 + 1.01e-5 * 31.5)
@@ -106,15 +107,39 @@ def test_play_hysteresis_does_not_depend_on_speed(path: list[float]) -> None:
         previous = force
 
 
-@given(st.floats(-1.0, 1.0), st.floats(-5.0, 5.0).filter(lambda change: abs(change) > 1e-3))
-def test_reversal_hysteresis_stays_bounded_and_knows_its_derivatives(z: float, change: float) -> None:
-    after, by_z, by_change = ReversalHysteresis.step(z, change, 2.0)
-    assert -1.0 <= after <= 1.0
-    step = 1e-6
-    other_z = ReversalHysteresis.step(z + step, change, 2.0)[0], ReversalHysteresis.step(z - step, change, 2.0)[0]
-    other = ReversalHysteresis.step(z, change + step, 2.0)[0], ReversalHysteresis.step(z, change - step, 2.0)[0]
-    assert by_z == pytest.approx((other_z[0] - other_z[1]) / (2.0 * step), abs=1e-6)
-    assert by_change == pytest.approx((other[0] - other[1]) / (2.0 * step), abs=1e-6)
+def felt_by(plays: LoopPlays, path: list[float]) -> tuple[list[float], np.ndarray]:
+    """What plays feel along forces [N], and where they end; rested at no load."""
+    places, felt = np.zeros((1, len(plays.slacks))), []
+    for force in path:
+        places = plays.step(places, np.array([force]))
+        felt.append(plays.elastic * force + plays.weight * float(places.sum()))
+    return felt, places
+
+
+@pytest.mark.parametrize("count", [4, 12])
+def test_plays_have_the_loop_that_was_calibrated(count: int) -> None:
+    """Between reversals far apart, Dahl's law of the same two numbers; nearer with more plays."""
+    path = np.concatenate([np.linspace(0.0, 20.0, 800), np.linspace(20.0, 0.0, 800)])
+    felt, _ = felt_by(LoopPlays.of_loop(0.8, 2.4, count), path.tolist())
+    error = np.array(felt) - path - 0.8 * reversal(path, 2.4)
+    assert np.abs(error[400:]).max() < 0.8 * 0.8 / count
+    assert felt[-1] == pytest.approx(0.8, abs=1e-3)
+
+
+@given(st.floats(1.0, 8.0), st.lists(st.floats(0.0, 1.0), min_size=1, max_size=10))
+def test_plays_come_back_after_smaller_loops(turn: float, inner: list[float]) -> None:
+    """A bounce on the way leaves no trace: the load passes the turn again as if there had been none."""
+    plays = LoopPlays.of_loop(0.8, 2.4, 4)
+    plain, places = felt_by(plays, [10.0, turn])
+    bounced, others = felt_by(plays, [10.0, turn, *(turn + share * (10.0 - turn) for share in inner), turn])
+    assert bounced[-1] == pytest.approx(plain[-1], abs=1e-9)
+    np.testing.assert_allclose(others, places, atol=1e-9)
+
+
+@pytest.mark.parametrize("numbers", [(-0.1, 1.0, 4), (0.1, 0.0, 4), (0.1, 1.0, 0)])
+def test_loops_that_are_none_are_refused(numbers: tuple[float, float, int]) -> None:
+    with pytest.raises(ValueError, match="half_width"):
+        LoopPlays.of_loop(*numbers)
 
 
 def test_creep_builds_up_to_gain_times_load() -> None:

@@ -15,8 +15,9 @@ def test_loads_of_a_walk_follow_the_contact_forces() -> None:
     trace = felt.trace(1.5)
     assert trace.load.shape == trace.truth.shape == (len(trace.time), 4)
     together = judge_walk(trace, 0.15)[-1]
-    assert together["rmse_n"] < 0.25
-    assert together["recall"] > 0.9
+    assert together["rmse_n"] < 0.1
+    assert together["within_3_sigma"] > 0.97
+    assert together["precision"] > 0.9 and together["recall"] > 0.95
     assert together["touch_downs"] >= 4 and together["missed"] <= 1
     assert felt.estimator.broken() == []
     # The feet carry the mouse.

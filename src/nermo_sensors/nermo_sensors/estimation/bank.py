@@ -39,6 +39,9 @@ class FilterBank(Protocol):
     def P(self) -> Array:  # noqa: N802 - the usual name
         """(B, n, n): their covariances."""
 
+    def restore(self, x: Array, P: Array) -> None:
+        """Back to states (B, n) and covariances (B, n, n) that it had before."""
+
     def predict(self, state: Array, transition: Array, process: Array) -> None:
         """To the predicted states (B, n), with their Jacobian (B, n, n) or (n, n) and variances to add (B, n)."""
 
@@ -64,6 +67,9 @@ class KalmanBank:
         self.x, self.P = x.copy(), P.copy()
         self._unit = np.eye(x.shape[1])
         self._diagonal = np.arange(x.shape[1])
+
+    def restore(self, x: Array, P: Array) -> None:
+        self.x, self.P = x, P
 
     def predict(self, state: Array, transition: Array, process: Array) -> None:
         self.x = state
@@ -115,6 +121,10 @@ class FilterpyBank:
     def P(self) -> Array:  # noqa: N802 - the filter's own name for it
         """(B, n, n)"""
         return np.stack([one.P for one in self._filters])
+
+    def restore(self, x: Array, P: Array) -> None:
+        for one, state, covariance in zip(self._filters, x, P, strict=True):
+            one.x, one.P = state, covariance
 
     def predict(self, state: Array, transition: Array, process: Array) -> None:
         size = len(self._filters)

@@ -66,6 +66,8 @@ class LoadFilter:
     def clear(self) -> None:
         """Forgets all readings."""
         self.bank = self._bank(*self.model.start(self._count))
+        self.prediction: tuple[Array, Array] | None = None
+        """States that the last step began with, before its readings, and the Jacobian that led there."""
         self.surprise = np.full((len(self._cells), self._count), np.nan)
         """Squared residual of the last reading over its expected variance, for each cell; about 1 where all is well."""
 
@@ -95,15 +97,30 @@ class LoadFilter:
         if not (period > 0.0 and math.isfinite(period)):
             raise ValueError(f"period = {period} s: must be finite and above 0")
         model, bank = self.model, self.bank
-        bank.predict(*model.predict(bank.x, period), model.process(period))
+        x, P = bank.x, bank.P
+        self.prediction = model.predict(x, period)
+        bank.predict(*self.prediction, model.process(period))
+        expected = bank.x[:, 0]
+        believed = np.ones(self.surprise.shape, dtype=bool) if trusted is None else trusted
+        self._take_all(readings, frequency, believed)
+        moved = np.abs(bank.x[:, 0] - expected) > model.bend
+        if moved.any():
+            # A foot that lands goes through the whole hysteresis within a tick: once more, with slopes as far as that.
+            towards = np.where(moved, bank.x[:, 0], expected)
+            bank.restore(x, P)
+            self.prediction = model.predict(x, period, towards)
+            bank.predict(*self.prediction, model.process(period))
+            self._take_all(readings, frequency, believed)
+
+    def _take_all(self, readings: Array, frequency: float | None, believed: NDArray[np.bool_]) -> None:
+        bank = self.bank
         if frequency is not None and math.isfinite(frequency):
-            answer = model.observe_frequency(frequency)
+            answer = self.model.observe_frequency(frequency)
             if answer is not None:
                 reading, variance = answer
                 where = int(np.argmax(reading.gradient[0]))
                 gradient = np.repeat(reading.gradient, self._count, axis=0)
                 bank.update(reading.value - bank.x[:, where], gradient, variance, np.ones(self._count, dtype=bool))
-        believed = np.ones(self.surprise.shape, dtype=bool) if trusted is None else trusted
         for number, cell in enumerate(self._cells):
             self._take(number, cell, readings[number], believed[number])
 

@@ -44,12 +44,17 @@ class LoadModel(Protocol):
     """Names of the n states."""
     cells: dict[str, CellModel]
     """Of the cells whose memory is part of the state, by name."""
+    bend: float
+    """A load that moves by more in one step [N] makes the slopes of `predict` wrong; infinite where that is linear."""
 
     def start(self, count: int) -> tuple[Array, Array]:
         """States (B, n) and covariances (B, n, n) before any reading."""
 
-    def predict(self, x: Array, period: float) -> tuple[Array, Array]:
-        """States a period [s] later, and their Jacobian (B, n, n) or (n, n)."""
+    def predict(self, x: Array, period: float, towards: Array | None = None) -> tuple[Array, Array]:
+        """States a period [s] later, and their Jacobian (B, n, n) or (n, n).
+
+        The Jacobian is that of the predicted loads, or the secant to the loads `towards` (B,) [N].
+        """
 
     def process(self, period: float) -> Array:
         """Variances that a period [s] adds to the states, shape (n,) or (B, n)."""

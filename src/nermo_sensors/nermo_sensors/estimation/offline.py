@@ -56,12 +56,13 @@ def smooth(model: LoadModel, recording: BenchRecording) -> Estimates:
     x, P = np.empty((rows, size)), np.empty((rows, size, size))
     ahead_x, ahead_P, transitions = np.empty_like(x), np.empty_like(P), np.empty_like(P)
     for row in range(rows):
-        before = filters.bank.x
-        after, transition = model.predict(before, period)
+        before = filters.bank.P[0]
+        filters.step(period, readings[row, :, None], float(recording.frequency[row]))
+        assert filters.prediction is not None, "it has made a step"
+        after, transition = filters.prediction
         F = np.broadcast_to(transition, (1, size, size))[0]
         transitions[row], ahead_x[row] = F, after[0]
-        ahead_P[row] = F @ filters.bank.P[0] @ F.T + np.diag(np.reshape(model.process(period), size))
-        filters.step(period, readings[row, :, None], float(recording.frequency[row]))
+        ahead_P[row] = F @ before @ F.T + np.diag(np.reshape(model.process(period), size))
         x[row], P[row] = filters.bank.x[0], filters.bank.P[0]
     for row in range(rows - 2, -1, -1):
         G = np.linalg.lstsq(ahead_P[row + 1], transitions[row + 1] @ P[row], rcond=None)[0].T

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import Any
 
@@ -29,6 +30,7 @@ class _PairModel(ABC):
     """What F1 and F2 share: the static cell as a pair of sigmoids (4.21)."""
 
     states: tuple[str, ...]
+    bend = math.inf
 
     def __init__(self, pair: PairCalibration, noise: RateNoise) -> None:
         self.cells = {
@@ -71,7 +73,7 @@ class RateModel(_PairModel):
     def start(self, count: int) -> tuple[Array, Array]:
         return np.zeros((count, 3)), np.tile(np.diag([25.0, 1e3, 1e-2]), (count, 1, 1))
 
-    def predict(self, x: Array, period: float) -> tuple[Array, Array]:
+    def predict(self, x: Array, period: float, towards: Array | None = None) -> tuple[Array, Array]:
         transition = np.array([[1.0, period, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
         return x @ transition.T, transition
 
@@ -105,7 +107,7 @@ class AccelerationModel(_PairModel):
         x[:, 3] = 2.0 * np.pi
         return x, np.tile(np.diag([25.0, 1e3, 1e4, 100.0, 1e-2]), (count, 1, 1))
 
-    def predict(self, x: Array, period: float) -> tuple[Array, Array]:
+    def predict(self, x: Array, period: float, towards: Array | None = None) -> tuple[Array, Array]:
         transition = np.eye(5)
         transition[0, 1] = transition[1, 2] = period
         transition[0, 2] = 0.5 * period * period

@@ -138,7 +138,11 @@ def force_rate(recording: BenchRecording) -> Array:
 
 
 def reversal(force: Array, reversal_force: float) -> Array:
-    """Z of `ReversalHysteresis` along a force [N], starting at rest from -1."""
+    """Dahl's hysteresis along a force (n,) [N], from -1 at rest: to -1 while it rises, to +1 while it falls.
+
+    dz/dF = -(1 + z) / reversal_force rising, -(1 - z) / reversal_force falling. On full loops, which a bench makes, it
+    is what `LoopPlays` is, and one number to carry along.
+    """
     changes = np.diff(force, prepend=force[0])
     signs = np.where(changes < 0.0, -1.0, 1.0).tolist()
     remains = np.exp(-np.abs(changes) / reversal_force).tolist()

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
 
 
 class PlayHysteresis:
@@ -39,19 +42,45 @@ class PlayHysteresis:
         self._places = [0.0] * len(self._places)
 
 
-class ReversalHysteresis:
-    """Dahl's hysteresis, the one-state version that an estimator can carry: felt = F + half_width z.
+@dataclass(frozen=True, slots=True)
+class LoopPlays:
+    """Plays with the full loop that a calibration found: the version that an estimator can carry in its states.
 
-    z goes to -1 while the force rises and to +1 while it falls, within `reversal_force`:
-    dz/dF = -(1 + z) / reversal_force rising, -(1 - z) / reversal_force falling. Arrays of any shape.
+    felt = elastic F + weight (p1 + ... + pn), each place p within its slack of F. Unlike a law that knows the last
+    reversal only (Dahl's), plays come back to where they were after a smaller loop within a larger one.
     """
 
-    @staticmethod
-    def step(z: Any, change: Any, reversal_force: float) -> tuple[Any, Any, Any]:
-        """Z after the force changed by `change` [N], and its derivatives by z [1] and by the change [1/N]."""
-        sign = np.where(change < 0.0, -1.0, 1.0)
-        remain = np.exp(-np.abs(change) / reversal_force)
-        return (z + sign) * remain - sign, remain, -(z * sign + 1.0) * remain / reversal_force
+    slacks: Array
+    """(n,) [N]"""
+    weight: float
+    """Of each [1]."""
+
+    @classmethod
+    def of_loop(cls, half_width: float, reversal_force: float, count: int) -> LoopPlays:
+        """Plays whose full loop is +-half_width [N] about F and closes as exp(-change / reversal_force [N]).
+
+        Infinitely many would do that exactly, their weights falling as exp(-2 slack / reversal_force); here are
+        `count` of equal weight, each at the mean slack of its share.
+        """
+        if not (half_width >= 0.0 and reversal_force > 0.0 and count >= 1):
+            raise ValueError(f"half_width = {half_width} N, reversal_force = {reversal_force} N, count = {count}")
+        left = 1.0 - np.arange(count + 1) / count
+        # Of an exponential distribution: the integral of u exp(-u) from where the share `left` remains.
+        beyond = left * (1.0 - np.log(np.maximum(left, 1e-300)))
+        return cls(0.5 * reversal_force * count * -np.diff(beyond), 2.0 * half_width / reversal_force / count)
+
+    @property
+    def elastic(self) -> float:
+        """Share of the force that is felt at once [1]."""
+        return 1.0 - self.weight * len(self.slacks)
+
+    def step(self, places: Array, force: Array) -> Array:
+        """Places (B, n) [N] once the forces (B,) [N] are reached, each monotone since the last call."""
+        return np.clip(places, force[:, None] - self.slacks, force[:, None] + self.slacks)
+
+    def drags(self, places: Array, force: Array) -> NDArray[np.bool_]:
+        """Which plays (B, n) move along with the forces (B,) [N] from there on."""
+        return np.abs(places - force[:, None]) >= self.slacks
 
 
 class Creep:
