@@ -116,3 +116,20 @@ def test_deviation_knows_folds_laws_and_the_time_step(about_nominal: tuple[Fitte
     assert parameter_deviation(fit) / x == pytest.approx([np.hypot(0.3, law), np.hypot(0.1, law)])
     fit.fold_x = fit.fold_x[:0]
     assert parameter_deviation(fit, timestep=0.5)[1] / x[1] == pytest.approx(law), "damping is no time"
+    rough = np.sqrt(1.0 + 8.0)
+    fit.fold_x = np.array([[x[0], 0.9 * x[1]], [x[0], 1.1 * x[1]]])
+    assert parameter_deviation(fit, roughness=8.0) / x == pytest.approx(
+        [np.hypot(rough * 0.3, law), np.hypot(rough * 0.1, law)]
+    ), "the law's share is no matter of the data"
+
+
+@pytest.mark.parametrize("roughness", [1.0, 2.0, 4.0, 8.0])
+def test_the_least_of_twenty_points_on_rough_ground_lies_so_far_beside_the_truth(roughness: float) -> None:
+    """A parabola of deviation 1 about a guess of deviation 1; points scatter twice as much as the least of twenty."""
+    rng = np.random.default_rng(0)
+    spread = np.sqrt(1.0 + roughness)
+    guesses = rng.standard_normal(4000)
+    points = 2.0 * spread * rng.standard_normal((4000, 20))
+    costs = 0.5 * (points - guesses[:, None]) ** 2 + 2.0 * roughness * rng.standard_normal(points.shape)
+    found = points[np.arange(4000), costs.argmin(axis=1)]
+    assert np.sqrt(np.mean(found**2)) == pytest.approx(spread, rel=0.12)

@@ -303,7 +303,7 @@ def _effects(selector: Selector, selection: Selection, longer: LongWindows | Non
     found, position = [], 0
     plant = selector.fitter.residuals.replayer.plant
     fit = longer.fit if longer else best.fit
-    deviation = parameter_deviation(fit, float(plant.model.opt.timestep))
+    deviation = parameter_deviation(fit, float(plant.model.opt.timestep), selector.scores.roughness)
     for i, effect in enumerate(best.fit.hypothesis.effects):
         parameters = {}
         for parameter in effect.parameters:

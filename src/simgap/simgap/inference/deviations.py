@@ -38,16 +38,19 @@ def nuisance_deviation(fitter: Fitter, fit: Fit) -> Array:
     return found
 
 
-def parameter_deviation(fit: Fit, timestep: float = 0.0) -> Array:
+def parameter_deviation(fit: Fit, timestep: float = 0.0, roughness: float = 0.0) -> Array:
     """Standard error of each parameter: the larger of the fit's own and that of the folds (jackknife), and the laws'.
 
-    A simulation resolves times no better than its ``timestep`` [s].
+    A simulation resolves times no better than its ``timestep`` [s]. Where costs are rough (``roughness`` [nats], see
+    `Scores.roughness`), the least of the points that a fit tried lies beside the least of the smooth cost: so far that
+    variances are as many times larger as this and one (simulated).
     """
     own = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     folds = len(fit.fold_x)
     if folds > 1:
         spread = np.sqrt((folds - 1) / folds * ((fit.fold_x - fit.fold_x.mean(axis=0)) ** 2).sum(axis=0))
         own = np.maximum(own, spread)
+    own = own * np.sqrt(1.0 + roughness)
     size = np.minimum(np.abs(fit.x - fit.hypothesis.vector("neutral")), np.abs(fit.x))
     law = LAW * len(fit.hypothesis.effects) * size
     times = np.array([p.unit == "s" for e in fit.hypothesis.effects for p in e.parameters])
