@@ -187,7 +187,7 @@ def test_the_twin_plays_while_the_button_is_held_and_what_it_did_can_be_diagnose
     assert not left_running(os.environ["ROS_DOMAIN_ID"])
 
 
-@pytest.mark.parametrize("playing", [5.0], indirect=True)
+@pytest.mark.parametrize("playing", [20.0], indirect=True)
 def test_a_page_that_closes_lets_go_and_a_line_that_stalls_too(playing: Playing, browser: Browser) -> None:
     page = opened(playing, browser)
     press(page)

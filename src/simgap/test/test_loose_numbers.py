@@ -10,7 +10,8 @@ from robots import aligned_of, simulate
 from simgap.effects.base import Context
 from simgap.effects.library import enumerate_effects
 from simgap.inference.fit import Fitter
-from simgap.inference.loose_numbers import fit_loosely, spoken_for, with_own_as_modelled
+from simgap.inference.hypothesis import Hypothesis
+from simgap.inference.loose_numbers import fit_loosely, own_moved_into, spoken_for, with_own_as_modelled
 from simgap.inference.nuisance import BOX, enumerate_nuisances
 from simgap.inference.residual import Residuals
 from simgap.simulation.replay import Replayer
@@ -82,3 +83,28 @@ def test_only_the_numbers_that_an_effect_changes_are_as_modelled_again() -> None
         if e.key.endswith("@elbow")
     )
     assert with_own_as_modelled(fitter, [(friction, np.array([0.1]))], z) == []
+
+
+@pytest.mark.parametrize("z_own", [-1.2, 0.8])
+def test_what_a_number_changes_as_an_effect_does_becomes_the_effects_and_the_model_stays(z_own: float) -> None:
+    fitter, effects = _prepared()
+    names = [n.name for n in fitter.nuisances]
+    gains = {e.form: e for e in effects if e.name == "servo_gain" and len(e.site.targets) == 1}
+    effect = gains["stiffness"]
+    own = names.index(f"gain {effect.site.name}")
+    z = np.linspace(-0.4, 0.5, len(names))
+    z[own] = z_own
+    x = np.array([0.7])
+    moved, rest = own_moved_into(fitter, effect, x, z)
+    assert rest[own] == 0.0 and np.array_equal(np.delete(rest, own), np.delete(z, own))
+    hypothesis = Hypothesis((effect,))
+    before, after = fitter.replay(hypothesis, [(x, z), (moved, rest)])
+    np.testing.assert_allclose(after, before, atol=1e-6)
+    assert (moved[0] < 0.7) == (z_own < 0.0)
+    again = own_moved_into(fitter, effect, moved, rest)
+    assert np.array_equal(again[0], moved) and np.array_equal(again[1], rest), "nothing is left to move"
+    # A number of one servo is none of both.
+    both = next(e for e in effects if e.name == "servo_gain" and len(e.site.targets) > 1)
+    values = np.full(len(both.parameters), 0.7)
+    untouched = own_moved_into(fitter, both, values, z)
+    assert np.array_equal(untouched[0], values) and np.array_equal(untouched[1], z)

@@ -12,6 +12,7 @@ from simgap.effects.base import Effect
 from simgap.inference.effort import PARTNERS, Effort, Progress
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
+from simgap.inference.loose_numbers import own_moved_into
 from simgap.inference.model_selection import EVIDENCE, FINALISTS, generalises
 from simgap.inference.proposals import COMPARED, Start
 from simgap.inference.scores import Scored, Scores
@@ -329,6 +330,17 @@ class Candidates:
         """A winner fitted to the end."""
         better = self.scores.scored(self.fitter.polish(scored.fit, rounds=self.effort.rounds))
         return better if better.fit.cost <= scored.fit.cost else scored
+
+    def told_apart(self, scored: Scored) -> Scored:
+        """A single effect of a robot that lands, numbers that do just what it does as modelled: data have no say."""
+        fitter, fit = self.fitter, scored.fit
+        if not fitter.lands or len(fit.hypothesis.effects) != 1:
+            return scored
+        x, z = own_moved_into(fitter, fit.hypothesis.effects[0], fit.x, fit.z)
+        if np.array_equal(z, fit.z):
+            return scored
+        better = self.scores.scored(fitter.polish(fitter.fit(fit.hypothesis, x, z, 4)))
+        return better if better.fit.cost < fit.cost else scored
 
     def begun_from(self, scored: Scored, z: Array) -> Scored:
         """The same effects, fitted anew from another hypothesis's nominal numbers ``z`` where that takes them further.

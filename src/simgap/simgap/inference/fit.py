@@ -30,6 +30,9 @@ what a longer step bends."""
 _ROUGH_STEP = 0.5
 """The same of a robot that lands, with contacts as they are: there a small step shows which foot came down when, a long
 one what the number does. About such slopes a mouse's numbers come 20 to 40 nats further in half the replays."""
+_ROUGH_EFFECT_STEP = 0.2
+"""And of an effect's parameter there, in its scale: about as far, so that the two kinds of slopes are of one kind, and
+what does the same (feet's friction as a number and as an effect) is seen to do so."""
 _LOOSE = 1e-6
 """Prior weight of an effect's parameter, in its scale: none to speak of."""
 _BOXED = float(truncnorm.var(-BOX, BOX))
@@ -75,6 +78,7 @@ class Fitter:
         """What each cross-validated fit lost [nats] by not having seen a window."""
         self.lands = bool(colliding(self.base.model)[0])
         self._step = _ROUGH_STEP if self.lands else _NUISANCE_STEP
+        self._effect_step = _ROUGH_EFFECT_STEP if self.lands else _STEP
         middles = (self.windows.start + 0.5 * self.windows.length) * residuals.replayer.aligned.period
         count = min(_STRETCHES, len(middles))
         self._stretch: Ints = (count * np.arange(len(middles), dtype=np.int64)) // len(middles)
@@ -491,12 +495,12 @@ class Fitter:
         if not len(x):
             return np.zeros((0, *residual.shape))
         u, high = hypothesis.scaled(x), hypothesis.scaled(hypothesis.vector("high"))
-        points, steps = [], np.where(u + _STEP <= high, _STEP, -_STEP)
+        points, steps = [], np.where(u + self._effect_step <= high, self._effect_step, -self._effect_step)
         for i, s in enumerate(steps):
             moved = u.copy()
             moved[i] += s
             points.append((hypothesis.values(moved), z))
-        return self._changes(hypothesis, (x, z), points, residual, select) / steps[:, None, None, None]
+        return (self.replay(hypothesis, points, select) - residual) / steps[:, None, None, None]
 
     def cost(self, residual: Array, z: Array, select: Ints | None = None) -> float:
         """Cost [nats] of a residual in all (or selected) windows and of nuisances z."""

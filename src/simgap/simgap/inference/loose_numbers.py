@@ -46,6 +46,8 @@ _FIELDS = (
     "geom_solref",
 )
 """Of a model, where nominal numbers and effects may change the same."""
+_ALIKE = 1e-6
+"""Two changes of a model whose ratio is the same at all entries to within this are one."""
 _SIZES = 1e-12
 """Changes that are smaller are none."""
 
@@ -134,6 +136,25 @@ def with_own_as_modelled(
         if not np.array_equal(rest, z):
             found.append((effect, x, rest))
     return found
+
+
+def own_moved_into(fitter: Fitter, effect: Effect, x: Array, z: Array) -> tuple[Array, Array]:
+    """Nearly the same model, where what numbers change as an effect does is the effect's: its values, and all numbers.
+
+    A number that may be a little off and an effect without a prior are hardly told apart by data, and the number costs
+    least as modelled; on rough ground no slope leads there. It may change a little more than the effect: the ground's
+    friction is that of bellies too.
+    """
+    if not effect.one_size:
+        return x, z
+    entries, rest, more = _changes_of(fitter, effect, x), z.copy(), 0.0
+    for i in np.flatnonzero(z).tolist():
+        change = _changed(fitter.base.model, _with_number(fitter, i, float(z[i])))
+        shares = [change[e] / entries[e] for e in change if e in entries]
+        if entries and entries.keys() <= change.keys() and len(change) <= 2 * len(entries) and np.ptp(shares) < _ALIKE:
+            rest[i], more = 0.0, more + float(np.mean(shares))
+    values = effect.times(1.0 + more, x) if more else None
+    return (x, z) if values is None else (np.array(values), rest)
 
 
 def _without_own(z: Array, changes: Sequence[dict[Entry, float]], entries: dict[Entry, float]) -> Array:

@@ -378,11 +378,11 @@ class Selector:
 
     def _settle(self, result: Selection) -> None:
         """Fit the winner once more with all nuisance sensitivities its own: its intervals rest on them."""
-        old = result.best
+        old, begun = result.best, self.candidates.told_apart(result.best).fit
         # Where the time ended after starts were judged anew, what the fit remembers is judged as before.
-        residual = self.fitter.replay(old.fit.hypothesis, [(old.fit.x, old.fit.z)])[0]
-        self.fitter.refresh(old.fit.hypothesis, old.fit.x, old.fit.z, residual)
-        fit = self.fitter.fit(old.fit.hypothesis, old.fit.x, old.fit.z, known=residual)
+        residual = self.fitter.replay(begun.hypothesis, [(begun.x, begun.z)])[0]
+        self.fitter.refresh(begun.hypothesis, begun.x, begun.z, residual)
+        fit = self.fitter.fit(begun.hypothesis, begun.x, begun.z, known=residual)
         fit = self.fitter.cross_validate(fit)
         fit.covariance = self.fitter.covariance(fit, thorough=True)
         result.best = self.scores.scored(fit)
