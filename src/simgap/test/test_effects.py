@@ -21,7 +21,6 @@ from simgap.effects.friction import CoulombFriction, StribeckFriction
 from simgap.effects.library import effect_classes, enumerate_effects, load_effects
 from simgap.effects.tendon import TendonFriction
 from simgap.inference.nuisance import apply_nuisances, enumerate_nuisances
-from simgap.simulation.contacts import soften_onset
 from simgap.simulation.replay import Replayer
 from simgap.simulation.scales import Scales, measure_scales
 from simgap.simulation.variant import FrictionPath, Variant
@@ -133,26 +132,6 @@ def test_nuisances_move_the_model_both_ways() -> None:
             changed.append(np.concatenate([*values, variant.model.opt.gravity, firmness, *paths]))
         assert np.abs(changed[0] - changed[1]).max() > 0, nuisance.name
         assert np.abs(changed[2] - changed[0]).max() > np.abs(changed[2] - changed[1]).max(), nuisance.name
-
-
-def test_a_softer_onset_lets_a_landing_change_without_jumps() -> None:
-    """A ball that falls a little faster lands a time step earlier at once, unless the contact sets in softly."""
-    xml = """<mujoco><option timestep="0.001"/><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 0.03">
-    <joint type="slide" axis="0 0 1"/><geom type="sphere" size="0.01" mass="0.1"/></body></worldbody></mujoco>"""
-
-    def jump(soft: bool) -> float:
-        model = mujoco.MjModel.from_xml_string(xml)
-        if soft:
-            soften_onset(model)
-        heights = []
-        for faster in np.linspace(1.0, 1.05, 51):
-            data = mujoco.MjData(model)
-            model.opt.gravity[2] = -9.81 * faster
-            mujoco.mj_step(model, data, 80)
-            heights.append(float(data.qpos[0]))
-        return float(np.abs(np.diff(heights)).max())
-
-    assert jump(soft=True) < 0.25 * jump(soft=False)
 
 
 def test_a_spring_that_is_added_to_a_spring_pulls_to_the_zero() -> None:

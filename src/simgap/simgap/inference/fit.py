@@ -16,7 +16,7 @@ from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.likelihood import Likelihood
 from simgap.inference.nuisance import BOX, Nuisance, apply_nuisances
 from simgap.inference.residual import Residuals
-from simgap.simulation.contacts import colliding, soften_onset
+from simgap.simulation.contacts import colliding
 from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
@@ -104,9 +104,8 @@ class Fitter:
         hypothesis: Hypothesis,
         points: Sequence[tuple[Array, Array]],
         select: Ints | None = None,
-        soft: bool = False,
     ) -> Array:
-        """Residuals (n, nw, ns, nl) at points (x, z); ``soft``: where contacts set in softly.
+        """Residuals (n, nw, ns, nl) at points (x, z).
 
         Raises:
             OutOfTimeError: the time for what is being looked for is over.
@@ -114,27 +113,11 @@ class Fitter:
         self.budget.check()
         moments = [float(m) for m in self._moments] if hypothesis.grows else [0.0]
         variants = [self.variant(hypothesis, x, z, moment) for x, z in points for moment in moments]
-        for variant in variants if soft else ():
-            soften_onset(variant.model)
         if not hypothesis.grows:
             return self.residuals.of(variants, select)
         stretch = self._stretch if select is None else self._stretch[select]
         which = len(self._moments) * np.arange(len(points))[:, None] + stretch
         return self.residuals.of(variants, select, which)
-
-    def _changes(
-        self,
-        hypothesis: Hypothesis,
-        about: tuple[Array, Array],
-        points: Sequence[tuple[Array, Array]],
-        residual: Array,
-        select: Ints | None = None,
-    ) -> Array:
-        """What the residual, known at ``about``, changes on the way to points nearby, (n, nw, ns, nl)."""
-        if not self.lands:
-            return self.replay(hypothesis, points, select) - residual
-        base, *moved = self.replay(hypothesis, [about, *points], select, soft=True)
-        return np.array(moved) - base
 
     # -- cost ----------------------------------------------------------------------------------------------------
 
