@@ -36,6 +36,11 @@ def made() -> tuple[Fitter, Scores, Fit, Fit]:
     return fitter, Scores(fitter), nothing, rubbing
 
 
+def _make_rough(fitter: Fitter, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fitter, "lands", True)
+    monkeypatch.setattr(fitter, "lost", [2.0, 5.0, 12.0, 30.0, 45.0])
+
+
 def test_scores_are_as_rough_as_what_fits_lose_by_not_seeing_scatters(
     made: tuple[Fitter, Scores, Fit, Fit], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -59,8 +64,7 @@ def test_where_scores_are_rough_a_fit_is_told_by_what_it_saw_at_a_price_for_each
     fitter, scores, *fits = made
     for fit in fits:
         np.testing.assert_array_equal(scores.telling(fit), fit.held_cost)
-    monkeypatch.setattr(fitter, "lands", True)
-    monkeypatch.setattr(fitter, "lost", [2.0, 5.0, 12.0, 30.0, 45.0])
+    _make_rough(fitter, monkeypatch)
     for fit in fits:
         by_hand = float(fitter.data_cost(fitter.mean_square(fit.residual))) + fit.hypothesis.size
         assert scores.telling(fit).sum() == pytest.approx(by_hand), "here every window was held out once"
@@ -72,8 +76,7 @@ def test_where_scores_are_rough_what_is_left_is_what_a_fit_leaves_in_sample(
     fitter, scores, *fits = made
     for fit in fits:
         np.testing.assert_array_equal(scores.left(fit), fit.held)
-    monkeypatch.setattr(fitter, "lands", True)
-    monkeypatch.setattr(fitter, "lost", [2.0, 5.0, 12.0, 30.0, 45.0])
+    _make_rough(fitter, monkeypatch)
     for fit in fits:
         np.testing.assert_allclose(scores.left(fit), fitter.mean_square(fit.residual))
     assert scores.gap(scores.left(fits[1])) < scores.gap(fits[1].held), "friction was fitted to what it saw"

@@ -42,8 +42,8 @@ def parameter_deviation(fit: Fit, timestep: float = 0.0, roughness: float = 0.0)
     """Standard error of each parameter: the larger of the fit's own and that of the folds (jackknife), and the laws'.
 
     A simulation resolves times no better than its ``timestep`` [s]. Where costs are rough (``roughness`` [nats], see
-    `Scores.roughness`), the least of the points that a fit tried lies beside the least of the smooth cost: so far that
-    variances are as many times larger as this and one (simulated).
+    `Scores.roughness`), the least of the points that a fit tried lies beside the least of the smooth cost, so far that
+    variances are 1 + roughness times as large: simulated, of one parameter and twenty points.
     """
     own = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     folds = len(fit.fold_x)
