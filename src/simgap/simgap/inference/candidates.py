@@ -332,7 +332,7 @@ class Candidates:
         return better if better.fit.cost <= scored.fit.cost else scored
 
     def told_apart(self, scored: Scored) -> Scored:
-        """A single effect of a robot that lands, the numbers that do nearly the same as modelled, if that costs less."""
+        """A single effect of a robot that lands, numbers that do nearly the same as modelled, if that costs less."""
         fitter, fit = self.fitter, scored.fit
         if not fitter.lands or len(fit.hypothesis.effects) != 1:
             return scored

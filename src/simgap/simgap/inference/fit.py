@@ -29,7 +29,7 @@ _NUISANCE_STEP = 0.02
 what a longer step bends."""
 _ROUGH_STEP = 0.5
 """The same of a robot that lands, with contacts as they are: there a small step shows which foot came down when, a long
-one what the number does. By such slopes a mouse's numbers came 17 nats further in half the replays, and 40 in as many."""
+one what the number does. By such slopes a mouse's numbers came 17 nats further in half the replays, 40 in as many."""
 _ROUGH_EFFECT_STEP = 0.2
 """And of an effect's parameter there, in its scale: about as far, so that the two kinds of slopes are of one kind, and
 what does the same (feet's friction as a number and as an effect) is seen to do so."""
