@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise, product
 
 import numpy as np
@@ -14,9 +14,9 @@ from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.loose_numbers import own_moved_into
 from simgap.inference.model_selection import EVIDENCE, FINALISTS, generalises
-from simgap.inference.proposals import COMPARED, Start
+from simgap.inference.proposals import Start
 from simgap.inference.scores import Scored, Scores
-from simgap.inference.screen import WINDOWS, Glance, Screened, informative_windows, screen
+from simgap.inference.screen import Screened, informative_windows
 from simgap.inference.simplex_search import simplex_search
 
 Array = NDArray[np.float64]
@@ -46,6 +46,8 @@ MANY_PARAMETERS = 6
 """Hypotheses with more are fitted in some windows first, and in all only where that promises something."""
 ITERATIONS = 15
 """Of a fit of what single parts speak for together, which has many parameters; most take no new sensitivities."""
+_RESTED = (0.0, 0.5)
+"""Shares of nominal numbers beside which an effect is begun anew."""
 TOGETHER = 4
 """Kinds of effects, at most, that single parts speak for and that are tried together."""
 
@@ -63,7 +65,6 @@ class Candidates:
     ) -> None:
         self.fitter, self.effects, self.scores = fitter, list(effects), scores
         self.effort, self._progress = effort, progress
-        self._glance = Glance()
 
     def hinted(self, hints: Sequence[Hint]) -> list[Start]:
         """Starts for what single parts speak for, where a hint is there for each part of a candidate's site.
@@ -181,8 +182,6 @@ class Candidates:
         )
         models = [fitter.variant(f.hypothesis, f.x, f.z) for f in (reference.fit, *reversed(leaders), *beside)]
         fitter.update_start(*models)
-        # What was seen at a glance was whitened by the starts' errors as they were judged before.
-        self._glance = Glance()
         again = []
         margin = self._hopeless(reference, singles[0])
         hopeful = [s for s in singles[: self.effort.finalists] if s.score < singles[0].score + margin]
@@ -242,25 +241,21 @@ class Candidates:
         """How far [nats] behind the best of a round a candidate may be and still be refitted."""
         return max(HOPELESS, FAR * (without.score - best.score))
 
-    def one_more(self, base: Scored, singles: Sequence[Scored], screened: Sequence[Screened]) -> list[Scored]:
+    def one_more(
+        self,
+        base: Scored,
+        propose: Callable[[Fit], list[Start]],
+        singles: Sequence[Scored],
+        screened: Sequence[Screened],
+    ) -> list[Scored]:
         """``base`` with each of the effects that promise most beside it, or with older ones swapped; best first.
 
-        ``singles`` were fitted alone, ``screened`` about the nominal model.
+        ``propose`` says which those are, ``singles`` were fitted alone, ``screened`` about the nominal model.
         """
         fitter = self.fitter
         fitter.refresh(base.fit.hypothesis, base.fit.x, base.fit.z, base.fit.residual)
-        present = {e.key for e in base.fit.hypothesis.effects}
-        others = [e for e in self.effects if e.key not in present]
-        partners = screen(
-            fitter,
-            base.fit,
-            others,
-            lambda share: self.say("screen partners", share),
-            self.effort.hopeful,
-            windows=COMPARED if self.effort.twice else WINDOWS,
-            glance=self._glance if self.effort.twice else None,
-        )[: self.effort.partners]
-        pairs = self.fitted([(s.effect, s.x, s.z) for s in partners], base)
+        partners = propose(base.fit)
+        pairs = self.fitted(partners, base)
         if base.fit.strained:
             again = sorted([*pairs, *self.beside_untouched(base.fit, singles)], key=by_score, reverse=True)
             pairs = sorted({p.key: p for p in again}.values(), key=by_score)
@@ -270,7 +265,7 @@ class Candidates:
         margin = self._hopeless(base, pairs[0])
         hopeful = [p for p in pairs[:2] if p.score < pairs[0].score + margin]
         # Fits start where the older effect's nominal numbers are, and may stop short.
-        promising = {base.fit.hypothesis.with_effect(s.effect).key for s in partners[:FAVOURITES]}
+        promising = {base.fit.hypothesis.with_effect(effect).key for effect, _, _ in partners[:FAVOURITES]}
         hopeful += [p for p in pairs if p.key in promising and p not in hopeful]
         polished = [self.scores.scored(fitter.polish(p.fit)) for p in hopeful]
         polished += [self.scores.scored(fitter.polish(f.fit)) for f in self._forms(min(polished, key=by_score).fit)]
@@ -323,7 +318,9 @@ class Candidates:
                 effects, values = list(lead.hypothesis.effects), list(parts)
                 effects[position], values[position] = s.effect, s.x
                 fit = self.fitter.fit(Hypothesis(tuple(effects)), np.concatenate(values), lead.z)
-                extra.append(self.scores.scored(self.fitter.cross_validate(fit)))
+                far = fit.cost > lead.cost + HOPELESS  # in sample, which flatters
+                self.fitter.score_in_sample(fit) if far else self.fitter.cross_validate(fit)
+                extra.append(self.scores.scored(fit))
         return sorted([*pairs, *extra], key=by_score)
 
     def to_the_end(self, scored: Scored) -> Scored:
@@ -352,6 +349,19 @@ class Candidates:
             return scored
         better = self.scores.scored(self.fitter.polish(fit))
         return better if better.fit.cost < scored.fit.cost else scored
+
+    def rested(self, scored: Scored) -> Scored:
+        """The same effects, begun anew beside nominal numbers that are less far off, where that ends further.
+
+        Numbers that were fitted without an effect have taken a part of it, and on rough ground no slope leads back: a
+        fit that began beside them found 4 of 10 mm.
+        """
+        fitter, fit = self.fitter, scored.fit
+        again = min((fitter.fit(fit.hypothesis, fit.x, s * fit.z, roughly=True) for s in _RESTED), key=lambda f: f.cost)
+        if again.cost > fit.cost + HOPELESS:
+            return scored
+        better = self.scores.scored(fitter.polish(again, rounds=2))
+        return better if better.fit.cost < fit.cost else scored
 
     def without(self, singles: Sequence[Scored], reference: Scored) -> Scored:
         """Nominal numbers alone, begun where those beside effects are, if that takes them further.

@@ -36,6 +36,11 @@ class Proposals:
     ) -> None:
         """``say`` is told the stage and its share that is done."""
         self._fitter, self._effects, self._effort, self._say = fitter, list(effects), effort, say
+        self._glance = Glance()
+
+    def forget(self) -> None:
+        """Starts of windows are judged anew: what was seen at a glance was whitened by their errors as before."""
+        self._glance = Glance()
 
     def about_nominal(self) -> list[Screened]:
         """Screen about the untouched nominal model: the nuisances' best fit may have swallowed half of an effect."""
@@ -58,12 +63,33 @@ class Proposals:
         starts += with_own_as_modelled(self._fitter, [(s.effect, s.x) for s in foremost], reference.z)
         self._say("compare", 0.0)
         starts += spoken_for(self._fitter, self._effects, fit_loosely(self._fitter), _LOOSE)
-        found = self._compared(starts, reference.z)
+        found = self._compared(starts, reference)
         known = {id(effect) for effect, _, _ in starts}
         akin = [e for e in self._akin([f.hypothesis.effects[0] for f in found[:_LEADING]]) if id(e) not in known]
-        found += self._compared([(e, np.array(x), reference.z) for e in akin for x in e.starts()], reference.z)
+        found += self._compared([(e, np.array(x), reference.z) for e in akin for x in e.starts()], reference)
         found.sort(key=lambda f: f.cost)
         return [(f.hypothesis.effects[0], f.x, f.z) for f in found[: self._effort.survivors]]
+
+    def beside(self, base: Fit) -> list[tuple[Effect, Array, Array]]:
+        """The partners of ``base`` to fit, whose sensitivities are those about it; the best first."""
+        present = {e.key for e in base.hypothesis.effects}
+        found = screen(
+            self._fitter,
+            base,
+            [e for e in self._effects if e.key not in present],
+            lambda share: self._say("screen partners", share),
+            self._effort.hopeful,
+            windows=COMPARED if self._effort.twice else WINDOWS,
+            glance=self._glance if self._effort.twice else None,
+        )
+        starts = [(s.effect, s.x, s.z) for s in found[: self._effort.partners]]
+        if not self._effort.twice:
+            return starts
+        foremost = found[: self._effort.survivors]
+        starts = [(s.effect, s.x, z) for s in foremost for z in (s.z, base.z)]
+        starts += with_own_as_modelled(self._fitter, [(s.effect, s.x) for s in foremost], base.z)
+        compared = self._compared(starts, base, "compare partners")[: self._effort.partners]
+        return [(f.hypothesis.effects[-1], f.x[base.hypothesis.size :], f.z) for f in compared]
 
     def _akin(self, leaders: Sequence[Effect]) -> list[Effect]:
         """Of each of the ``leaders``, other laws of its kind at its parts, and its own at some of them or at more.
@@ -78,41 +104,41 @@ class Proposals:
             found += [e for e in near if e is not leader][:_AKIN]
         return list({id(e): e for e in found}.values())
 
-    def _compared(self, starts: Sequence[Start], fitted_z: Array) -> list[Fit]:
-        """Each effect from the better of its starts, as far as a few steps of a fit take it, leaders as many more.
+    def _compared(self, starts: Sequence[Start], base: Fit, stage: str = "compare") -> list[Fit]:
+        """``base`` with each effect from the better of its starts, as far as a few steps of a fit take it; leaders on.
 
-        By the sensitivities about the nominal numbers or about ``fitted_z``, whichever are nearer.
+        By the sensitivities about the nominal numbers or about the base's, whichever are nearer.
         """
         fitter = self._fitter
         assert fitter.nominal is not None
         chosen = informative_windows(fitter, fitter.nominal, COMPARED)
         select = chosen if len(chosen) < len(fitter.windows) else None
 
-        def fitted(effect: Effect, x: Array, z: Array, known: Array | None = None) -> Fit:
+        def fitted(hypothesis: Hypothesis, x: Array, z: Array, known: Array) -> Fit:
             with fitter.sensitivities_kept():
-                if np.linalg.norm(z) < np.linalg.norm(z - fitted_z):
+                if np.linalg.norm(z) < np.linalg.norm(z - base.z):
                     fitter.jacobian = fitter.nominal_jacobian
-                return fitter.fit(Hypothesis((effect,)), x, z, _GLIMPSE, known, select=select, roughly=True)
+                return fitter.fit(hypothesis, x, z, _GLIMPSE, known, select=select, roughly=True)
 
-        best: dict[int, tuple[float, Start, Array]] = {}
-        for i, start in enumerate(starts):
-            self._say("compare", 0.2 * i / len(starts))
-            effect, x, z = start
-            residual = fitter.replay(Hypothesis((effect,)), [(x, z)], select)[0]
+        best: dict[int, tuple[float, tuple[Hypothesis, Array, Array, Array]]] = {}
+        for i, (effect, own, z) in enumerate(starts):
+            self._say(stage, 0.2 * i / len(starts))
+            hypothesis, x = base.hypothesis.with_effect(effect), np.concatenate([base.x, own])
+            residual = fitter.replay(hypothesis, [(x, z)], select)[0]
             cost = fitter.cost(residual, z, select)
             if id(effect) not in best or cost < best[id(effect)][0]:
-                best[id(effect)] = cost, start, residual
+                best[id(effect)] = cost, (hypothesis, x, z, residual)
         fits = []
-        for i, (_, start, residual) in enumerate(best.values()):
-            self._say("compare", 0.2 + 0.6 * i / len(best))
-            fits.append(fitted(*start, residual))
+        for i, (_, start) in enumerate(best.values()):
+            self._say(stage, 0.2 + 0.6 * i / len(best))
+            fits.append(fitted(*start))
         fits.sort(key=lambda f: f.cost)
         leaders = fits[: max(round(_SECOND * len(fits)), self._effort.survivors)]
         further = []
         for i, fit in enumerate(leaders):
-            self._say("compare", 0.8 + 0.2 * i / len(leaders))
+            self._say(stage, 0.8 + 0.2 * i / len(leaders))
             known = fit.residual if select is None else fit.residual[select]
-            further.append(fitted(fit.hypothesis.effects[0], fit.x, fit.z, known))
+            further.append(fitted(fit.hypothesis, fit.x, fit.z, known))
         return sorted(further, key=lambda f: f.cost)
 
     def _screened(self, fit: Fit, span: tuple[float, float], glance: Glance) -> list[Screened]:

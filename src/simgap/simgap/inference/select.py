@@ -203,8 +203,9 @@ class Selector:
         return replace(found, best=winner, rivals=found.singles, gains=gains)
 
     def _keep(self, result: Selection) -> None:
-        """Remember it where it is the best so far."""
-        if result.best.score <= self._found.best.score:
+        """Remember it where it is the best so far, and not only begun with what did not earn its place alone."""
+        earned = earns(self.scores, result.reference, result.best, len(self.effects))
+        if result.best.score <= self._found.best.score and earned:
             self._found = replace(result)
 
     def _compared(self, begun: Selection, found: Selection) -> Selection:
@@ -230,6 +231,7 @@ class Selector:
         singles, reference = self.candidates.finals(
             singles, reference, screened[:FAVOURITES], [begun.best.fit] if begun else []
         )
+        self.proposals.forget()
         if self._effort.twice and singles and singles[0].score < reference.score:
             reference = self.candidates.without(singles[:_EXCHANGED], reference)
         gap = self._nominal_gap()
@@ -242,13 +244,15 @@ class Selector:
             self._keep(begun)
             gain = self.scores.difference(reference.fit, winner.fit)
             return replace(result, best=winner, rivals=singles, gains=[gain])
+        refused: list[Scored] = []
         if winner is not None and self._promises(reference, winner):
             singles, winner = self._followed(singles, winner, reference)
             winner = self._restarted(winner)
             if self._effort.twice:
                 reference = self.candidates.without([winner], reference)
                 result = self._found = replace(result, reference=reference, best=reference, singles=singles)
-                winner = winner if earns(self.scores, reference, winner, len(self.effects)) else None
+                if not earns(self.scores, reference, winner, len(self.effects)):
+                    refused, winner = [winner], None
         else:
             winner = None
         if winner is not None:
@@ -260,8 +264,9 @@ class Selector:
             if self.scores.worst_channel(reference.fit.held) > UNEXPLAINED:
                 # Beside numbers that fit other effects show than about the nominal ones.
                 self.add(result, screened)
-            if result.best is reference and self.scores.typical(reference.fit.held) > UNEXPLAINED:
-                result = self._only_together(result, screened)
+            much = self.scores.typical(reference.fit.held) > UNEXPLAINED
+            if result.best is reference and (much or refused):
+                result = self._only_together(result, screened, [] if much else refused)
         return result
 
     def _promises(self, reference: Scored, first: Scored) -> bool:
@@ -283,16 +288,26 @@ class Selector:
         found = replace(result, best=first, singles=singles, rivals=singles, gains=[gain], unrivalled=set())
         self._keep(found)
         while len(found.best.fit.hypothesis.effects) < self._effort.max_effects:
-            held = found.best.fit.held
-            much = self.scores.typical(held) >= ENOUGH or self.scores.leaves_more(held)
-            if not (much or found.best.fit.strained) or not self.add(found, screened):
+            if not self._leaves_much(found.best) or not self.add(found, screened):
                 break
             self._keep(found)
         self._drop(found)
         return found
 
+    def _leaves_much(self, scored: Scored) -> bool:
+        """Whether a further effect is looked for.
+
+        Many numbers that are a little off take most of what it leaves: its windows are at their floors while it earns
+        what is asked. There no floor is told by.
+        """
+        held = scored.fit.held
+        much = self.scores.typical(held) >= ENOUGH or self.scores.leaves_more(held)
+        return self._effort.twice or much or bool(scored.fit.strained)
+
     def _restarted(self, scored: Scored) -> Scored:
-        """A winner that leaves much, begun anew from values about its own."""
+        """A winner that leaves much, begun anew from values about its own; of many numbers, from other numbers."""
+        if self._effort.twice:
+            scored = self.candidates.rested(scored)
         return self.candidates.restarted(scored) if self.scores.typical(scored.fit.held) > ENOUGH else scored
 
     def _begun_elsewhere(self, result: Selection, screened: Sequence[Screened]) -> Selection:
@@ -315,11 +330,16 @@ class Selector:
                 found.rivals = sorted([*found.rivals, *(r for r in left.rivals if r.key not in known)], key=by_score)
         return found
 
-    def _only_together(self, result: Selection, screened: Sequence[Screened]) -> Selection:
-        """Effects of which none earns its place alone, where much is left: each may show only beside the other."""
+    def _only_together(
+        self, result: Selection, screened: Sequence[Screened], firsts: Sequence[Scored] = ()
+    ) -> Selection:
+        """Effects of which none earns its place alone: each may show only beside the other.
+
+        Begun with each of ``firsts``, by default with the best of each kind.
+        """
         found = result
         kinds = {s.fit.hypothesis.effects[0].name: s for s in reversed(result.singles)}
-        for first in sorted(kinds.values(), key=by_score)[:FAVOURITES]:
+        for first in firsts or sorted(kinds.values(), key=by_score)[:FAVOURITES]:
             other = self._forward(result, result.singles, first, screened)
             several = len(other.best.fit.hypothesis.effects)
             better = several > 1 and other.best.score < found.best.score
@@ -330,10 +350,14 @@ class Selector:
 
     def add(self, result: Selection, screened: Sequence[Screened]) -> bool:
         """Add one effect more, or swap older ones; True where that was worth it."""
-        base, pairs = result.best, self.candidates.one_more(result.best, result.singles, screened)
+        base = result.best
+        pairs = self.candidates.one_more(base, self.proposals.beside, result.singles, screened)
         best = simplest(self.scores, pairs, base, self._sites)
         if best is None:
             return False
+        if self._effort.twice:
+            # Where ends are a matter of chance, it is fitted to its own before it is judged, as a first effect is.
+            best = self._restarted(self.candidates.to_the_end(best))
         present = {e.key for e in base.fit.hypothesis.effects}
         others, unrivalled = sum(e.key not in present for e in self.effects), stands_out(base.fit, best.fit, pairs)
         first = result.gains[0][0] if result.gains else np.inf
@@ -346,7 +370,8 @@ class Selector:
         if unrivalled:
             result.unrivalled |= {e.key for e in best.fit.hypothesis.effects} - present
         result.gains.append(self.scores.difference(base.fit, best.fit))
-        best = self._restarted(self.candidates.to_the_end(best))
+        if not self._effort.twice:
+            best = self._restarted(self.candidates.to_the_end(best))
         pairs = sorted([best, *(p for p in pairs if p.fit.hypothesis is not best.fit.hypothesis)], key=by_score)
         result.best, result.rivals = best, pairs
         return True
