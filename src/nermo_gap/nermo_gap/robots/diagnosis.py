@@ -45,7 +45,7 @@ WINDOWS = 12
 REPORTING_HORIZON, REPORTING_WARM_UP, REPORTING_WINDOWS = 0.4, 0.6, 15
 """[s], [s] and number where servos report: what is wrong with one shows soon, but its integrator remembers for half a
 second."""
-EFFORT = dataclasses.replace(HEAVY, hopeful=30, survivors=8, finalists=4, twice=True)
+EFFORT = dataclasses.replace(HEAVY, hopeful=30, survivors=8, finalists=4, swapped=1, twice=True)
 """Every number of a mouse that was built by hand is a little off, and its gait is anything but linear in them."""
 LEFT = 1.4
 """[noise floors] that a mouse in the protocol leaves in a channel of the tracker at most where all is explained. Of two

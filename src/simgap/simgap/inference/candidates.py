@@ -46,8 +46,8 @@ MANY_PARAMETERS = 6
 """Hypotheses with more are fitted in some windows first, and in all only where that promises something."""
 ITERATIONS = 15
 """Of a fit of what single parts speak for together, which has many parameters; most take no new sensitivities."""
-_RESTED = (0.0, 0.5)
-"""Shares of nominal numbers beside which an effect is begun anew."""
+_RESTED, _RESTS = (0.0, 0.5), 3
+"""Shares of nominal numbers beside which an effect is begun anew, and how often at most."""
 TOGETHER = 4
 """Kinds of effects, at most, that single parts speak for and that are tried together."""
 
@@ -264,8 +264,9 @@ class Candidates:
         pairs = self._swapped(pairs, screened)
         margin = self._hopeless(base, pairs[0])
         hopeful = [p for p in pairs[:2] if p.score < pairs[0].score + margin]
-        # Fits start where the older effect's nominal numbers are, and may stop short.
-        promising = {base.fit.hypothesis.with_effect(effect).key for effect, _, _ in partners[:FAVOURITES]}
+        # Fits start where the older effect's nominal numbers are, and may stop short; not where partners were compared.
+        favourites = partners[: 0 if self.effort.twice else FAVOURITES]
+        promising = {base.fit.hypothesis.with_effect(effect).key for effect, _, _ in favourites}
         hopeful += [p for p in pairs if p.key in promising and p not in hopeful]
         polished = [self.scores.scored(fitter.polish(p.fit)) for p in hopeful]
         polished += [self.scores.scored(fitter.polish(f.fit)) for f in self._forms(min(polished, key=by_score).fit)]
@@ -307,7 +308,7 @@ class Candidates:
         """Replace each older effect of the best pair by the candidates that screened best."""
         lead = pairs[0].fit
         present = {e.key for e in lead.hypothesis.effects}
-        spare = [s for s in screened[:PARTNERS] if s.effect.key not in present][:3]
+        spare = [s for s in screened[:PARTNERS] if s.effect.key not in present][: self.effort.swapped]
         if lead.hypothesis.size > MANY_PARAMETERS:
             spare = []  # what was begun together has been looked at together
         extra = []
@@ -351,17 +352,23 @@ class Candidates:
         return better if better.fit.cost < scored.fit.cost else scored
 
     def rested(self, scored: Scored) -> Scored:
-        """The same effects, begun anew beside nominal numbers that are less far off, where that ends further.
+        """The same effects, begun anew beside nominal numbers that are less far off, as long as that ends further.
 
         Numbers that were fitted without an effect have taken a part of it, and on rough ground no slope leads back: a
         fit that began beside them found 4 of 10 mm.
         """
-        fitter, fit = self.fitter, scored.fit
-        again = min((fitter.fit(fit.hypothesis, fit.x, s * fit.z, roughly=True) for s in _RESTED), key=lambda f: f.cost)
-        if again.cost > fit.cost + HOPELESS:
-            return scored
-        better = self.scores.scored(fitter.polish(again, rounds=2))
-        return better if better.fit.cost < fit.cost else scored
+        fitter = self.fitter
+        for _ in range(_RESTS):
+            fit = scored.fit
+            fits = [fitter.fit(fit.hypothesis, fit.x, share * fit.z, roughly=True) for share in _RESTED]
+            again = min(fits, key=lambda f: f.cost)
+            if again.cost > fit.cost + HOPELESS:
+                break
+            better = self.scores.scored(fitter.polish(again, rounds=2))
+            if better.fit.cost > fit.cost - EVIDENCE:
+                return min(better, scored, key=lambda s: s.fit.cost)
+            scored = better
+        return scored
 
     def without(self, singles: Sequence[Scored], reference: Scored) -> Scored:
         """Nominal numbers alone, begun where those beside effects are, if that takes them further.

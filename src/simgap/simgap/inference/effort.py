@@ -32,6 +32,8 @@ class Effort:
     """How often the winner is."""
     partners: int = PARTNERS
     """Candidates that are fitted as one effect more."""
+    swapped: int = 3
+    """Candidates that take the place of each older effect."""
     max_effects: int = MAX_EFFECTS
     sought: int = 200
     """Replays in search of a law with more parameters."""
