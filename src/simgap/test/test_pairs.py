@@ -19,12 +19,15 @@ from simgap.data.plant import Plant
 from simgap.data.recording import recording_from_table
 from simgap.effects.base import Context, Effect
 from simgap.effects.library import enumerate_effects
+from simgap.inference.effort import Effort
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.model_selection import earns, stands_out
 from simgap.inference.nuisance import BOX
+from simgap.inference.proposals import Proposals
 from simgap.inference.residual import Residuals
 from simgap.inference.scores import Scored, Scores
+from simgap.inference.select import Selector
 from simgap.simulation.replay import Replayer
 from simgap.simulation.scales import measure_scales
 from simgap.simulation.variant import Variant
@@ -247,3 +250,61 @@ def test_a_winner_that_ended_in_a_wrong_optimum_is_restarted_out_of_it(
     better = candidates.restarted(replace(right.best, fit=stuck))
     assert better.fit.cost == pytest.approx(best.cost, abs=0.5)
     assert candidates.restarted(right.best) is right.best
+
+
+def test_a_winner_beside_numbers_that_hide_it_is_begun_anew_beside_others(
+    drag_and_friction: tuple[Plant, Diagnosis],
+) -> None:
+    _, found = drag_and_friction
+    selector, right = found.selector, found.selection
+    candidates, best = selector.candidates, right.best.fit
+    bent = np.where(np.arange(len(best.z)) % 2, 1.0, -1.0) * BOX
+    hidden = replace(best, x=0.6 * best.x, z=bent, cost=best.cost + 40.0)
+    better = candidates.rested(replace(right.best, fit=hidden))
+    assert better.fit.cost == pytest.approx(best.cost, abs=0.5)
+    np.testing.assert_allclose(better.fit.x, best.x, rtol=0.1)
+    assert candidates.rested(right.best).fit.cost <= best.cost
+
+
+def test_partners_are_compared_by_a_few_steps_where_many_numbers_are_off(
+    drag_and_friction: tuple[Plant, Diagnosis],
+) -> None:
+    _, found = drag_and_friction
+    selector, right = found.selector, found.selection
+    base = min((s for s in right.singles if s.key == "coulomb_friction@hinge"), key=lambda s: s.score).fit
+    fitter = selector.fitter
+    fitter.refresh(base.hypothesis, base.x, base.z, base.residual)
+    proposals = Proposals(fitter, selector.effects, Effort(twice=True), lambda stage, share: None)
+    partners = proposals.beside(base)
+    effect, x, z = partners[0]
+    assert effect.key == "viscous_friction@hinge"
+    # What was compared is where a fit of both begins: next to its end.
+    begun = fitter.fit(base.hypothesis.with_effect(effect), x, z, 0)
+    assert begun.cost < base.cost - 0.5 * (base.cost - right.best.fit.cost)
+    assert "coulomb_friction@hinge" not in {e.key for e, _, _ in partners}
+
+
+def test_where_many_numbers_are_off_a_further_effect_is_looked_for_at_the_floor_too(
+    drag_and_friction: tuple[Plant, Diagnosis],
+) -> None:
+    _, found = drag_and_friction
+    selector, best = found.selector, found.selection.best
+    assert not selector._leaves_much(best)
+    mouse = Selector(selector.fitter, selector.effects, effort=Effort(twice=True))
+    assert mouse._leaves_much(best)
+
+
+def test_what_promised_and_was_refused_alone_is_tried_beside_another_and_is_no_answer(
+    drag_and_friction: tuple[Plant, Diagnosis],
+) -> None:
+    _, found = drag_and_friction
+    selector, right = found.selector, found.selection
+    nothing = replace(right, best=right.reference, gains=[])
+    refused = min((s for s in right.singles if s.key == "viscous_friction@hinge"), key=lambda s: s.score)
+    both = selector._only_together(nothing, right.screened, [refused]).best
+    assert {e.key for e in both.fit.hypothesis.effects} == {"coulomb_friction@hinge", "viscous_friction@hinge"}
+    # If the time ends meanwhile, what did not earn its place is not what is answered.
+    selector._found = nothing
+    worse = replace(refused, fit=replace(refused.fit, held_cost=right.reference.fit.held_cost + 1.0), score=-1e9)
+    selector._keep(replace(nothing, best=worse))
+    assert selector._found.best is right.reference

@@ -119,7 +119,7 @@ class Candidates:
             if first and not self.effort.twice:
                 x, z = self._nearest(hypothesis, x, z, select)
             many = hypothesis.size > MANY_PARAMETERS
-            return self.fitter.fit(hypothesis, np.concatenate([base.fit.x, x]), z, select=select, roughly=many)
+            return self.fitter.fit(hypothesis, x, z, select=select, roughly=many)
 
         fits = []
         for i, start in enumerate(starts):

@@ -16,7 +16,7 @@ from simgap.inference.screen import WINDOWS, Glance, Screened, informative_windo
 
 Array = NDArray[np.float64]
 Start = tuple[Effect, Array, Array]
-"""An effect, its parameters' values, and those of all nuisances."""
+"""An effect, the values of its parameters (beside others, after theirs), and those of all nuisances."""
 
 COMPARED = 10
 """Windows of the usual length in which what is proposed is compared, where much is."""
@@ -70,8 +70,8 @@ class Proposals:
         found.sort(key=lambda f: f.cost)
         return [(f.hypothesis.effects[0], f.x, f.z) for f in found[: self._effort.survivors]]
 
-    def beside(self, base: Fit) -> list[tuple[Effect, Array, Array]]:
-        """The partners of ``base`` to fit, whose sensitivities are those about it; the best first."""
+    def beside(self, base: Fit) -> list[Start]:
+        """The starts to fit of ``base`` with one effect more, the best first; sensitivities are those about it."""
         present = {e.key for e in base.hypothesis.effects}
         found = screen(
             self._fitter,
@@ -82,14 +82,13 @@ class Proposals:
             windows=COMPARED if self._effort.twice else WINDOWS,
             glance=self._glance if self._effort.twice else None,
         )
-        starts = [(s.effect, s.x, s.z) for s in found[: self._effort.partners]]
         if not self._effort.twice:
-            return starts
+            return [(s.effect, np.concatenate([base.x, s.x]), s.z) for s in found[: self._effort.partners]]
         foremost = found[: self._effort.survivors]
         starts = [(s.effect, s.x, z) for s in foremost for z in (s.z, base.z)]
         starts += with_own_as_modelled(self._fitter, [(s.effect, s.x) for s in foremost], base.z)
         compared = self._compared(starts, base, "compare partners")[: self._effort.partners]
-        return [(f.hypothesis.effects[-1], f.x[base.hypothesis.size :], f.z) for f in compared]
+        return [(f.hypothesis.effects[-1], f.x, f.z) for f in compared]
 
     def _akin(self, leaders: Sequence[Effect]) -> list[Effect]:
         """Of each of the ``leaders``, other laws of its kind at its parts, and its own at some of them or at more.
