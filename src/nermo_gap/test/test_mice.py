@@ -19,9 +19,11 @@ from nermo_description.robots import load_robot
 from nermo_gap.blind.mice.faults import KINDS
 from nermo_gap.blind.mice.mouse import LEAST, MOST, draw
 from nermo_gap.blind.mice.seal import SEALED, Answer, judge, open_seal, seal
-from nermo_gap.blind.mice.show import show
+from nermo_gap.blind.mice.show import affordable, demonstrate, show
 from nermo_gap.cli import gap_app
 from nermo_gap.robots.checks import CHECKS, check, what_to_do
+from simgap.analysis.diagnose import Diagnosis
+from simgap.analysis.options import Options
 from simgap.data.errors import GapInputError
 from simgap.effects.library import effect_classes
 
@@ -162,6 +164,25 @@ def test_a_hidden_mouse_is_recorded_and_revealed_by_commands(tmp_path: Path) -> 
     assert CliRunner().invoke(gap_app, ["record", "--fault", "none", "--out", str(tmp_path / "x")]).exit_code == 2
     unknown = CliRunner().invoke(gap_app, ["record", "--hidden", "1", "--fault", "cold", "--out", str(tmp_path / "x")])
     assert unknown.exit_code == 2 and "weak_knee" in unknown.output
+
+
+def test_a_slow_machine_gets_as_far_in_more_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where recording takes long, so does a diagnosis; within 150 s it then had found nothing."""
+    assert affordable(3.0) == affordable(12.0) == 150.0 and affordable(40.0) == 400.0
+    asked: list[float | None] = []
+
+    def diagnosed(folders: object, robot: object, options: Options) -> Diagnosis:
+        asked.append(options.budget)
+        raise GapInputError("enough")
+
+    monkeypatch.setattr("nermo_gap.blind.mice.show.diagnose_recordings", diagnosed)
+    monkeypatch.setattr(
+        "nermo_gap.blind.mice.show.record", lambda chosen, body, out, number, say: out.mkdir(parents=True)
+    )
+    monkeypatch.setattr("nermo_gap.blind.mice.show.SLOW", 1e9)
+    assert demonstrate("nermo_lite", 2, tmp_path / "slow", None, None) == 2
+    assert demonstrate("nermo_lite", 2, tmp_path / "told", None, 60.0) == 2
+    assert asked[0] is not None and asked[0] > 150.0 and asked[1] == 60.0
 
 
 @pytest.mark.timeout(900)

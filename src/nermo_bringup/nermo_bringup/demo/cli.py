@@ -28,7 +28,12 @@ def demo(
         bool, typer.Option("--gap", help="Find the hidden fault of a made-up mouse instead, without the graph.")
     ] = False,
     fault: Annotated[str | None, typer.Option(help="With --gap: this fault, instead of drawing one.")] = None,
-    budget: Annotated[float, typer.Option(min=10.0, help="With --gap: seconds that the diagnosis may take.")] = 150.0,
+    budget: Annotated[
+        float | None,
+        typer.Option(
+            min=10.0, help="With --gap: seconds that the diagnosis may take; by default 150, more on a slow machine."
+        ),
+    ] = None,
     network: NetworkOption = None,
     json: Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")] = None,
 ) -> None:
@@ -56,7 +61,7 @@ def demo(
     raise typer.Exit(0 if run_demo(settings, json, Console()) else 1)
 
 
-def _hidden_mouse(robot: str, number: int | None, out: Path | None, fault: str | None, budget: float) -> int:
+def _hidden_mouse(robot: str, number: int | None, out: Path | None, fault: str | None, budget: float | None) -> int:
     """Exit status: 0 where a mouse was recorded, diagnosed and revealed, whatever came out."""
     import secrets
 

@@ -23,6 +23,9 @@ from simgap.analysis.options import Options
 from simgap.console import print_diagnosis, progress, silence, write_diagnosis
 from simgap.data.errors import GapInputError
 
+BUDGET, SLOW = 150.0, 10.0
+"""[s] that a shown diagnosis may take, and how many times what its recording took in process: the same work, mostly."""
+
 
 @dataclass(frozen=True)
 class Shown:
@@ -44,10 +47,12 @@ def show(
     fault: str | None = None,
     only: tuple[str, ...] = (),
     markers: bool = False,
+    hasty: bool = False,
 ) -> Shown:
     """Draw a mouse, record it, diagnose it, open the seal, and say honestly how it went.
 
-    ``budget`` [s] is what the diagnosis may take. ``fault`` asks for one instead of drawing it; ``only`` names the
+    ``budget`` [s] is what the diagnosis may take; without one as long as it takes, or if ``hasty`` what is `affordable`
+    on this machine. ``fault`` asks for one instead of drawing it; ``only`` names the
     effects that are considered, all where empty. ``markers``: the tracker sees feet and rear torso too.
 
     Raises:
@@ -66,11 +71,16 @@ def show(
     with progress("record") as say:
         record(chosen, body, recordings, number, say)
     digest = seal(Answer.of(robot, number, wrong), recordings)
+    took = time.monotonic() - started
     console.print(
-        f"Recorded: {chosen.seconds:.0f} s of the protocol {protocol!r}, in {time.monotonic() - started:.0f} s. "
+        f"Recorded: {chosen.seconds:.0f} s of the protocol {protocol!r}, in {took:.0f} s. "
         f"The answer lies sealed beside it ({digest}).",
         highlight=False,
     )
+    if budget is None and hasty:
+        budget = affordable(took)
+        if budget > BUDGET:
+            console.print(f"The diagnosis may take {budget / 60.0:.0f} minutes on this machine.", highlight=False)
     with silence() as terminal, progress("align", terminal) as say:
         options = Options(baselines=False, only=only, progress=say, budget=budget)
         found = diagnose_recordings([recordings], robot, options)
@@ -86,10 +96,15 @@ def show(
     return Shown(answer, found.report, judged, page)
 
 
-def demonstrate(robot: str, number: int, out: Path, fault: str | None, budget: float) -> int:
-    """`show` as a command; returns its exit status, 0 whatever the diagnosis says."""
+def affordable(recorded: float) -> float:
+    """What a diagnosis may take [s] where the recording took ``recorded`` [s]: a slow machine finds as much."""
+    return max(BUDGET, SLOW * recorded)
+
+
+def demonstrate(robot: str, number: int, out: Path, fault: str | None, budget: float | None) -> int:
+    """`show` as a command, hasty without a budget; returns its exit status, 0 whatever the diagnosis says."""
     try:
-        show(robot, number, out, Console(), budget=budget, fault=fault)
+        show(robot, number, out, Console(), budget=budget, fault=fault, hasty=True)
     except (GapInputError, ParameterError) as error:
         print(error, file=sys.stderr)
         return 2
