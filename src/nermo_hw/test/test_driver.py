@@ -170,7 +170,11 @@ from nermo_hw.serial.driver import Driver
 from nermo_hw.types import ServoTargets, SilentLineError
 robot = load_robot("nermo_lite")
 driver = Driver(robot, {str(device.link)!r})
-driver.open(); driver.release()
+while not driver.is_open:
+    try:
+        driver.open(); driver.release()
+    except SilentLineError:  # a busy machine: the device had no turn for half a second
+        driver.close()
 while True:
     try:
         driver.exchange(ServoTargets(np.zeros(len(robot.servos))))

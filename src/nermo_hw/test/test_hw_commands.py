@@ -122,7 +122,7 @@ def test_a_board_without_sensors_is_seen_and_is_not_calibrated(emulate, tmp_path
     monkeypatch.setattr(monitor, "serial_ports", lambda: [])
     device = emulate()  # of a nermo_lite: its own board
     link, seen = str(device.link), tmp_path / "now.json"
-    assert run("scan", "--port", link) == 0
+    assert run("scan", "--port", link, "--timeout", "0.5") == 0
     assert run("monitor", "--port", link, "--once", "--json", str(seen)) == 0
     facts = json.loads(seen.read_text())
     assert facts["blind"] and facts["limp"] and facts["faults"] == ["RESTARTED"]
