@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,15 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from nermo_description.model import build_model
+from nermo_description.parameters import RobotParameters
 from nermo_description.robots import load_robot
 from nermo_gap.blind.mice.faults import KINDS
 from nermo_gap.blind.mice.mouse import LEAST, MOST, draw
 from nermo_gap.blind.mice.seal import SEALED, Answer, judge, open_seal, seal
 from nermo_gap.blind.mice.show import affordable, demonstrate, show
 from nermo_gap.cli import gap_app
+from nermo_gap.protocol.standard import PROTOCOLS, protocol_of
+from nermo_gap.protocol.types import REST, Protocol
 from nermo_gap.robots.checks import CHECKS, check, what_to_do
 from simgap.analysis.diagnose import Diagnosis
 from simgap.analysis.options import Options
@@ -185,12 +189,22 @@ def test_a_slow_machine_gets_as_far_in_more_time(tmp_path: Path, monkeypatch: py
     assert asked[0] is not None and asked[0] > 150.0 and asked[1] == 60.0
 
 
+def each_walk_once(robot: RobotParameters, markers: bool) -> Protocol:
+    """The first half of the protocol of walking alone, which goes through its walks twice."""
+    (walking,) = protocol_of("walk", robot, markers).segments
+    (piece,) = walking.pieces
+    said = piece.commands[: len(piece.commands) // 2]
+    half = 2.0 * REST + 0.5 * (piece.seconds - 2.0 * REST)
+    return Protocol("walk", (replace(walking, pieces=(replace(piece, seconds=half, commands=said),)),))
+
+
 @pytest.mark.timeout(900)
-def test_the_demo_draws_records_diagnoses_and_reveals(tmp_path: Path) -> None:
+def test_the_demo_draws_records_diagnoses_and_reveals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(PROTOCOLS, "each walk once", each_walk_once)
     told = StringIO()
     console = Console(file=told, width=200)
     only = ("ground_friction",)
-    shown = show("nermo_lite", 2, tmp_path, console, "walk", budget=None, fault="slippery_feet", only=only)
+    shown = show("nermo_lite", 2, tmp_path, console, "each walk once", budget=None, fault="slippery_feet", only=only)
     assert shown.judged == "right" and shown.report["verdict"] == "effect"
     (effect,) = shown.report["effects"]
     low, high = effect["parameters"]["factor"]["ci90"]

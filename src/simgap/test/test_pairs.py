@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import functools
 from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -27,6 +28,7 @@ from simgap.inference.nuisance import BOX
 from simgap.inference.proposals import Proposals
 from simgap.inference.residual import Residuals
 from simgap.inference.scores import Scored, Scores
+from simgap.inference.screen import Screened, screen
 from simgap.inference.select import Selector
 from simgap.simulation.replay import Replayer
 from simgap.simulation.scales import measure_scales
@@ -282,6 +284,25 @@ def test_partners_are_compared_by_a_few_steps_where_many_numbers_are_off(
     begun = fitter.fit(base.hypothesis.with_effect(effect), x, z, 0)
     assert begun.cost < base.cost - 0.5 * (base.cost - right.best.fit.cost)
     assert "coulomb_friction@hinge" not in {e.key for e, _, _ in partners}
+
+
+def test_the_law_next_to_the_partner_that_screened_best_is_compared_too(
+    drag_and_friction: tuple[Plant, Diagnosis], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plant, found = drag_and_friction
+    selector, right = found.selector, found.selection
+    base = min((s for s in right.singles if s.key == "coulomb_friction@hinge"), key=lambda s: s.score).fit
+    fitter = selector.fitter
+    fitter.refresh(base.hypothesis, base.x, base.z, base.residual)
+    context = Context(plant, measure_scales(fitter.residuals.replayer, Variant.nominal(plant)))
+    effects = enumerate_effects(context, (), ("load_friction", "viscous_friction", "coulomb_friction"))
+
+    def missed(*args: Any, **options: Any) -> list[Screened]:
+        return [s for s in screen(*args, **options) if s.effect.name == "load_friction"]
+
+    monkeypatch.setattr("simgap.inference.proposals.screen", missed)
+    partners = Proposals(fitter, effects, Effort(twice=True), lambda stage, share: None).beside(base)
+    assert [e.key for e, _, _ in partners] == ["viscous_friction@hinge", "load_friction@hinge"]
 
 
 def test_where_many_numbers_are_off_a_further_effect_is_looked_for_at_the_floor_too(

@@ -23,7 +23,7 @@ COMPARED = 10
 _GLIMPSE, _SECOND = 2, 0.3
 """Steps of a fit after which what is proposed is compared, and the share that takes as many more."""
 _LEADING, _AKIN = 3, 8
-"""Of so many that lead where effects are compared, so many that are next to them are compared too."""
+"""Of so many that lead where effects are compared, of partners the first, so many next to them are compared too."""
 _LOOSE = 4
 """Nominal numbers that are heard of those that go far where they may."""
 
@@ -63,11 +63,7 @@ class Proposals:
         starts += with_own_as_modelled(self._fitter, [(s.effect, s.x) for s in foremost], reference.z)
         self._say("compare", 0.0)
         starts += spoken_for(self._fitter, self._effects, fit_loosely(self._fitter), _LOOSE)
-        found = self._compared(starts, reference)
-        known = {id(effect) for effect, _, _ in starts}
-        akin = [e for e in self._akin([f.hypothesis.effects[0] for f in found[:_LEADING]]) if id(e) not in known]
-        found += self._compared([(e, np.array(x), reference.z) for e in akin for x in e.starts()], reference)
-        found.sort(key=lambda f: f.cost)
+        found = self._compared_with_akin(starts, reference, _LEADING, "compare")
         return [(f.hypothesis.effects[0], f.x, f.z) for f in found[: self._effort.survivors]]
 
     def beside(self, base: Fit) -> list[Start]:
@@ -87,8 +83,8 @@ class Proposals:
         foremost = found[: self._effort.survivors]
         starts = [(s.effect, s.x, z) for s in foremost for z in (s.z, base.z)]
         starts += with_own_as_modelled(self._fitter, [(s.effect, s.x) for s in foremost], base.z)
-        compared = self._compared(starts, base, "compare partners")[: self._effort.partners]
-        return [(f.hypothesis.effects[-1], f.x, f.z) for f in compared]
+        found = self._compared_with_akin(starts, base, 1, "compare partners")
+        return [(f.hypothesis.effects[-1], f.x, f.z) for f in found[: self._effort.partners]]
 
     def _akin(self, leaders: Sequence[Effect]) -> list[Effect]:
         """Of each of the ``leaders``, other laws of its kind at its parts, and its own at some of them or at more.
@@ -103,7 +99,17 @@ class Proposals:
             found += [e for e in near if e is not leader][:_AKIN]
         return list({id(e): e for e in found}.values())
 
-    def _compared(self, starts: Sequence[Start], base: Fit, stage: str = "compare") -> list[Fit]:
+    def _compared_with_akin(self, starts: Sequence[Start], base: Fit, leading: int, stage: str) -> list[Fit]:
+        """The ``starts`` compared, then what is akin to so many that are ``leading`` by then, all of them in order."""
+        found = self._compared(starts, base, stage)
+        known = {id(effect) for effect, _, _ in starts}
+        present = {e.key for e in base.hypothesis.effects}
+        akin = self._akin([f.hypothesis.effects[-1] for f in found[:leading]])
+        new = [e for e in akin if id(e) not in known and e.key not in present]
+        found += self._compared([(e, np.array(x), base.z) for e in new for x in e.starts()], base, stage)
+        return sorted(found, key=lambda f: f.cost)
+
+    def _compared(self, starts: Sequence[Start], base: Fit, stage: str) -> list[Fit]:
         """``base`` with each effect from the better of its starts, as far as a few steps of a fit take it; leaders on.
 
         By the sensitivities about the nominal numbers or about the base's, whichever are nearer.
