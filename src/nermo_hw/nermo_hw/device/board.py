@@ -21,7 +21,6 @@ from nermo_hw.types import Fault
 Array = NDArray[np.float64]
 IMU_NOISE = 2.0
 """Standard deviation of rates and accelerations in increments of the line, as a quiet IMU has it."""
-ALL_CHANNELS = (1 << CHANNELS) - 1
 
 
 @dataclass(slots=True)

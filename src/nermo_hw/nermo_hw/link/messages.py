@@ -61,11 +61,6 @@ def encode_command(stamp: int, names: Sequence[str], positions: Sequence[float])
     return encode(_make("nermo_interfaces/msg/ServoCommand")(_header(stamp), list(names), np.asarray(positions, float)))
 
 
-def encode_bool(data: bool) -> bytes:
-    """A std_msgs/Bool."""
-    return encode(_make("std_msgs/msg/Bool")(data))
-
-
 class SensorMessages:
     """What one sample of the device becomes, by topic: the messages of `sample_topics`."""
 

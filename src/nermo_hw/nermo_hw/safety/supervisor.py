@@ -88,8 +88,6 @@ class Output:
     state: State
     causes: tuple[Cause, ...]
     """All that hold or are latched, worst first."""
-    entered: int
-    """When this state was taken [ns]."""
 
 
 class SafetySupervisor:
@@ -122,7 +120,7 @@ class SafetySupervisor:
         """Since when a condition has held without a break."""
         self._why: dict[Cause, str] = {Cause.START: "just started"}
         self._latched: set[Cause] = {Cause.START}
-        self._state, self._entered = State.LIMP, now
+        self._state = State.LIMP
         self._last_step = now
         self._approaching = True
         self.refused = 0
@@ -229,11 +227,9 @@ class SafetySupervisor:
         state = max((RULE_OF[cause].state for cause in causes), default=State.FOLLOW)
         if state is not self._state:
             self._begin_softly(from_limp=self._state is State.LIMP)
-            self._state, self._entered = state, now
+            self._state = state
         self._move(state, dt, now)
-        return Output(
-            ServoTargets(self._output.copy(), energised=state is not State.LIMP), state, causes, self._entered
-        )
+        return Output(ServoTargets(self._output.copy(), energised=state is not State.LIMP), state, causes)
 
     def reason(self, cause: Cause) -> str:
         """A cause in words."""
