@@ -69,7 +69,7 @@ class Proposals:
     def beside(self, base: Fit) -> list[Start]:
         """The starts to fit of ``base`` with one effect more, the best first; sensitivities are those about it."""
         present = {e.key for e in base.hypothesis.effects}
-        found = screen(
+        screened = screen(
             self._fitter,
             base,
             [e for e in self._effects if e.key not in present],
@@ -79,8 +79,8 @@ class Proposals:
             glance=self._glance if self._effort.twice else None,
         )
         if not self._effort.twice:
-            return [(s.effect, np.concatenate([base.x, s.x]), s.z) for s in found[: self._effort.partners]]
-        foremost = found[: self._effort.survivors]
+            return [(s.effect, np.concatenate([base.x, s.x]), s.z) for s in screened[: self._effort.partners]]
+        foremost = screened[: self._effort.survivors]
         starts = [(s.effect, s.x, z) for s in foremost for z in (s.z, base.z)]
         starts += with_own_as_modelled(self._fitter, [(s.effect, s.x) for s in foremost], base.z)
         found = self._compared_with_akin(starts, base, 1, "compare partners")
