@@ -228,6 +228,54 @@ def top(
         write_results(json, "track-top", {"film": found.report(), "out": str(out)})
 
 
+@track_app.command("live")
+def live(
+    camera: Annotated[str, typer.Argument(help="A device (0, /dev/video0), or a URL: http (Motion JPEG), rtsp.")],
+    out: Annotated[Path, typer.Option(help="The film to write, .mkv; its times go beside it.")],
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="How long to film; else until Ctrl-C.")] = None,
+    size: Annotated[
+        tuple[int, int] | None, typer.Option(help="Width and height to ask a device for: those of the calibration.")
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(min=1.0, max=1000.0, help="Pictures a second to ask a device for.")
+    ] = None,
+    tags: Tags = None,
+    json: Json = None,
+) -> None:
+    """Film with a camera that is plugged in or in the network. The film it leaves is used as any other.
+
+    Pictures are stamped by this computer's clock as they come, and kept grey and without loss. A line says how it
+    goes: pictures a second, how many were dropped, which tags are seen.
+
+    \b
+    nermo track live 0 --size 1280 720 --out walk.mkv
+    nermo track live http://phone.local:8080/video --seconds 30 --out walk.mkv
+    nermo track film walk.mkv --camera camera.yaml --out poses.csv
+    """
+    with told():
+        from rich.console import Console
+
+        from nermo_track.layout import load_layout
+        from nermo_track.live import Source, film_live
+
+        layout, console = load_layout(tags), Console(stderr=True)
+        with console.status(f"{camera}: opening") as status:
+            source = Source(camera, size, rate)
+            filmed = film_live(source, out, layout, seconds, lambda said: status.update(said.sentence(layout.ids)))
+    typer.echo(f"{out}: {filmed.width} x {filmed.height} px, {filmed.said.sentence(layout.ids)}")
+    if json is not None:
+        facts = {
+            "film": str(out),
+            "pictures": filmed.said.pictures,
+            "seconds": filmed.said.seconds,
+            "dropped": filmed.said.dropped,
+            "ended": filmed.ended,
+        }
+        write_results(json, "track-live", facts)
+    if filmed.ended is not None:
+        raise CommandError(f"{filmed.ended}; the {filmed.said.seconds:.1f} s until then are in {out}")
+
+
 @bench_app.callback()
 def bench() -> None:
     """Measure the tracker."""

@@ -134,7 +134,7 @@ def outlines(
         off -= float(np.median(off))  # a lamp that flickers, a camera that adapts
         mask = (np.abs(off) > contrast).astype(np.uint8)
         times.append(time)
-        rows.append(_outline(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _disc(2)), plane))
+        rows.append(_outline(np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _disc(2)), dtype=np.uint8), plane))
         if len(times) % 10 == 0:
             say(min(len(times) / max(film.count, 1), 1.0))
     if len(times) < 2:
