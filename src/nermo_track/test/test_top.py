@@ -26,7 +26,7 @@ from nermo_track.silhouette import Outlines
 from nermo_track.top import View, overlook
 from nermo_track.way import way
 
-SECONDS = 7.0
+SECONDS = 4.0
 CAMERA = Camera(width=240, height=180, fx=180.0, fy=180.0, cx=119.5, cy=89.5)
 
 
@@ -41,18 +41,18 @@ def gone() -> Walk:
 
 @pytest.fixture(scope="module")
 def film(gone: Walk, tmp_path_factory: pytest.TempPathFactory) -> View:
-    scene = Scene("floor's tags", seconds=SECONDS)
+    scene = Scene("floor's tags", seconds=SECONDS, empty=True)
     return shoot_scene(scene, load_robot("nermo_lite"), gone, load_layout(), tmp_path_factory.mktemp("top"), LENS, 0)
 
 
 def test_the_way_is_what_it_was(film: View, gone: Walk) -> None:
     found = overlook(film, load_layout(), silent)
     off = errors(found, gone)
-    assert off["way_m"] > 0.3
+    assert off["way_m"] > 0.1
     assert off["seen"] > 0.9 * off["pictures"]
     assert off["nose_by"] == "tail"
-    assert abs(off["mean_speed_error_mm_s"]) < 1.5
-    assert off["speed_rms_mm_s"] < 8.0
+    assert abs(off["mean_speed_error_mm_s"]) < 3.0
+    assert off["speed_rms_mm_s"] < 10.0
     assert off["heading_rms_deg"] < 3.0
     assert abs(off["drift_end_mm"]) < max(3.0 * off["drift_said_mm"], 8.0)
 
@@ -61,8 +61,8 @@ def test_a_height_does_as_well_as_tags(film: View, tmp_path: Path) -> None:
     out, facts, camera = tmp_path / "way.csv", tmp_path / "way.json", tmp_path / "camera.yaml"
     save_camera(LENS, camera)
     by_tags = overlook(film, load_layout(), silent)
-    arguments = ["top", str(film.film), "--camera", str(camera), "--height", str(EYE[2]), "--out", str(out)]
-    told = CliRunner().invoke(track_app, [*arguments, "--json", str(facts)])
+    arguments = ["top", str(film.film), "--floor", str(film.floor), "--camera", str(camera), "--height", str(EYE[2])]
+    told = CliRunner().invoke(track_app, [*arguments, "--out", str(out), "--json", str(facts)])
     assert told.exit_code == 0, told.output
     assert "pictures (" in told.output and "mm/s" in told.output and "to the left" in told.output
     table = np.genfromtxt(out, delimiter=",", names=True)
@@ -81,8 +81,8 @@ def floor_picture(seed: int = 0) -> np.ndarray:
     return np.clip(130.0 + 60.0 * grain / np.std(grain) * 0.3, 0, 255)
 
 
-def box_film(path: Path, places: list[list[tuple[float, float]]], shake: float = 0.0) -> Path:
-    """Boxes of 40 x 16 px at places in each picture; the camera is shaken by some pixels."""
+def box_film(path: Path, places: list[list[tuple[float, float]]], shake: float = 0.0, tail: int = 0) -> Path:
+    """Boxes of 40 x 16 px at places in each picture, with a tail [px] to the right; the camera is shaken by some pixels."""
     random, wide = np.random.default_rng(1), floor_picture()
 
     def pictures():
@@ -91,6 +91,7 @@ def box_film(path: Path, places: list[list[tuple[float, float]]], shake: float =
             picture = wide[40 + dy : 220 + dy, 50 + dx : 290 + dx].copy()
             for x, y in several:
                 cv2.rectangle(picture, (round(x) - 20, round(y) - 8), (round(x) + 20, round(y) + 8), 30.0, -1)
+                cv2.line(picture, (round(x), round(y)), (round(x) + 20 + tail, round(y)), 30.0, 2)
             noisy = cv2.GaussianBlur(picture, (0, 0), 0.7) + 1.5 * random.standard_normal(picture.shape)
             yield np.clip(noisy, 0, 255).astype(np.uint8)
 
@@ -109,6 +110,14 @@ def test_a_scale_alone_tells_the_speed_and_the_way_tells_the_nose(tmp_path: Path
     assert found.mean_speed == pytest.approx(2.5 * 30.0 * 2e-3, rel=0.01)
     assert found.drift[-1] == pytest.approx(0.0, abs=2e-3)
     assert np.abs(found.heading).max() < 0.02
+
+
+def test_a_tail_tells_the_nose_of_a_mouse_that_walks_backwards(tmp_path: Path) -> None:
+    path = box_film(tmp_path / "film.avi", straight(50), tail=24)
+    found = overlook(View(path, scale=2e-3), load_layout(), silent).way
+    assert found.nose_by == "tail"
+    assert np.abs(np.cos(found.heading) + 1.0).max() < 1e-3
+    assert np.median(found.speed) == pytest.approx(-2.5 * 30.0 * 2e-3, rel=0.02)
 
 
 def test_pictures_with_something_else_are_left_out_and_counted(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import cv2
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from nermo_description.model import build_model
 from nermo_description.parameters import RobotParameters
@@ -81,33 +80,31 @@ class Shape:
 
     def _pixels(self, time: float) -> list[tuple[float, float, Array]]:
         """Distance [m], grey, and corners (k, 2) [px] of each geom."""
-        placed = zip(self._greys, self._placed(time), strict=True)
-        return [
-            (float(np.linalg.norm(points.mean(axis=0))), float(grey), self._camera.project(points)[0])
-            for grey, points in placed
-        ]
-
-    def _placed(self, time: float) -> list[Array]:
-        """(k, 3) [m] Corners of each geom in the camera's axes."""
-        data = self._data
+        data, geoms = self._data, self._geoms
         data.qpos[:] = [np.interp(time, self._time, column) for column in self._joints.T]
         mujoco.mj_kinematics(self._model, data)  # which makes quaternions whole again
-        return [
-            self._world.apply(points @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
-            for geom, points in zip(self._geoms, self._points, strict=True)
+        placed = [
+            points @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+            for geom, points in zip(geoms, self._points, strict=True)
         ]
+        seen = self._world.apply(np.vstack(placed))
+        ends = np.cumsum([len(points) for points in placed])[:-1]
+        pixels = np.split(self._camera.project(seen)[0], ends)
+        far = [float(np.linalg.norm(points.mean(axis=0))) for points in np.split(seen, ends)]
+        return list(zip(far, self._greys.tolist(), pixels, strict=True))
 
 
 def _points(model: mujoco.MjModel, geom: int) -> Array:
     """(k, 3) [m] Corners of a geom's convex hull, in its own frame."""
     kind, (a, b, c) = model.geom_type[geom], model.geom_size[geom].tolist()
+    around, up = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False), np.linspace(-0.5, 0.5, 7) * np.pi)
+    ball = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], axis=-1).reshape(-1, 3)
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         mesh = model.mesh(model.geom_dataid[geom])
         first, count = int(model.mesh_vertadr[mesh.id]), int(model.mesh_vertnum[mesh.id])
         vertices = np.asarray(model.mesh_vert[first : first + count], dtype=np.float64)
-        return np.asarray(vertices[ConvexHull(vertices).vertices], dtype=np.float64)
-    around, up = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False), np.linspace(-0.5, 0.5, 9) * np.pi)
-    ball = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], axis=-1).reshape(-1, 3)
+        # The outermost in as many directions do for thousands.
+        return np.asarray(vertices[np.unique(np.argmax((ball / [a, b, c]) @ vertices.T, axis=1))], dtype=np.float64)
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
         return np.asarray(a * ball, dtype=np.float64)
     if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
