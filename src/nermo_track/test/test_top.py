@@ -82,7 +82,7 @@ def floor_picture(seed: int = 0) -> np.ndarray:
 
 
 def box_film(path: Path, places: list[list[tuple[float, float]]], shake: float = 0.0, tail: int = 0) -> Path:
-    """Boxes of 40 x 16 px at places in each picture, with a tail [px] to the right; the camera is shaken by some pixels."""
+    """Boxes of 40 x 16 px at places in each picture, with a tail [px] to the right; the camera shakes [px]."""
     random, wide = np.random.default_rng(1), floor_picture()
 
     def pictures():
@@ -113,7 +113,7 @@ def test_a_scale_alone_tells_the_speed_and_the_way_tells_the_nose(tmp_path: Path
 
 
 def test_a_tail_tells_the_nose_of_a_mouse_that_walks_backwards(tmp_path: Path) -> None:
-    path = box_film(tmp_path / "film.avi", straight(50), tail=24)
+    path = box_film(tmp_path / "film.avi", straight(), tail=24)
     found = overlook(View(path, scale=2e-3), load_layout(), silent).way
     assert found.nose_by == "tail"
     assert np.abs(np.cos(found.heading) + 1.0).max() < 1e-3
