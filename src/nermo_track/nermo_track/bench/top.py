@@ -24,7 +24,7 @@ from nermo_track.way import BEGINNING, smooth
 
 BEGIN = 0.7
 """[s] of the walk at which films begin."""
-STEPS: Steps = ((0.0, 0.0, 0.0), (1.2, 0.08, 0.0), (8.0, 0.0, 0.0), (8.8, 0.08, 0.15), (13.0, 0.08, -0.2))
+STEPS: Steps = ((0.0, 0.0, 0.0), (1.2, 0.08, 0.0), (12.0, 0.0, 0.0), (13.0, 0.08, 0.15), (18.0, 0.08, -0.2))
 """Stands, straight on, stands, curves both ways."""
 LENS = Camera(
     width=640,
@@ -48,7 +48,7 @@ class Scene:
     name: str
     known: str = "tags"
     """What tells the scale: `tags`, `height` or `scale`."""
-    seconds: float = 16.0
+    seconds: float = 20.0
     greys: tuple[float, float] = (30.0, 90.0)
     noise: float = 2.5
     """Of a pixel, of 255."""
