@@ -91,7 +91,8 @@ def box_film(path: Path, places: list[list[tuple[float, float]]], shake: float =
             picture = wide[40 + dy : 220 + dy, 50 + dx : 290 + dx].copy()
             for x, y in several:
                 cv2.rectangle(picture, (round(x) - 20, round(y) - 8), (round(x) + 20, round(y) + 8), 30.0, -1)
-                cv2.line(picture, (round(x), round(y)), (round(x) + 20 + tail, round(y)), 30.0, 2)
+                if tail:
+                    cv2.line(picture, (round(x), round(y)), (round(x) + 20 + tail, round(y)), 30.0, 2)
             noisy = cv2.GaussianBlur(picture, (0, 0), 0.7) + 1.5 * random.standard_normal(picture.shape)
             yield np.clip(noisy, 0, 255).astype(np.uint8)
 
