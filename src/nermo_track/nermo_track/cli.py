@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from nermo_description.results import CommandError, write_results
+from nermo_track.telling import check_seconds, print_rows, progress, save_table, told
 
 if TYPE_CHECKING:
+    from nermo_track.camera import Camera
     from nermo_track.fuse import Poses
+    from nermo_track.top import Overlooked
     from nermo_track.work import Shot, Tracked
 
 # What does the work takes seconds to import, and help is asked for often: commands import it when they run.
@@ -56,7 +57,7 @@ def sheet(
     nermo track sheet --out tags.pdf
     nermo track sheet --what board --out board.png
     """
-    with _told():
+    with told():
         from nermo_track.layout import load_layout
         from nermo_track.sheet import KINDS, write_sheets
 
@@ -81,14 +82,14 @@ def calibrate(
     nermo track calibrate board.mp4 --out camera.yaml
     nermo track calibrate board.mp4 --out camera.yaml --line-delay 1.5e-5 --exposure 0.004
     """
-    with _told(), _progress() as say:
+    with told(), progress() as say:
         from nermo_track.calibrate import calibrate as fit
         from nermo_track.camera import save_camera
         from nermo_track.errors import TrackError
         from nermo_track.film import Film
 
-        _check("--line-delay", line_delay, 1e-3)
-        _check("--exposure", exposure, 1.0)
+        check_seconds("--line-delay", line_delay, 1e-3)
+        check_seconds("--exposure", exposure, 1.0)
         opened = Film(film)
         try:
             found = fit(opened, line_delay or 0.0, exposure or 0.0, 1e-3 * square_mm, lambda share: say("board", share))
@@ -141,7 +142,7 @@ def film(
     nermo track film left.mp4 right.mp4 --camera left.yaml --camera right.yaml --recording recordings/today --out filmed
     nermo track film slow.mp4 --fps 240 --exposure 0.001 --camera camera.yaml --out poses.csv
     """
-    with _told():
+    with told():
         from nermo_track.layout import load_layout
         from nermo_track.work import follow, into_recording, poses_of
 
@@ -151,12 +152,12 @@ def film(
                 raise CommandError(
                     "without --recording: give one film, no --clock-from, and --out a .csv file", status=2
                 )
-            with _progress() as say:
+            with progress() as say:
                 tracked = [follow(shots[0], layout, say)]
-            _save_table(out, poses_of(tracked[0]))
+            _save_poses(out, poses_of(tracked[0]))
             said, name = [f"{out}: {len(tracked[0].track.time)} poses in the film's own time"], None
         else:
-            with _progress() as say:
+            with progress() as say:
                 written = into_recording(shots, layout, recording, out, robot, say, clock_from)
             tracked, name = written.films, written.robot
             said = [
@@ -172,6 +173,109 @@ def film(
         write_results(json, "track", {"films": [one.report() for one in tracked], "out": str(out)}, robot=name)
 
 
+@track_app.command("top")
+def top(
+    film: Annotated[Path, typer.Argument(help="A film of a camera that stands still and looks down on the mouse.")],
+    out: Annotated[Path, typer.Option(help="The .csv of its way to write.")],
+    camera: Annotated[Path | None, typer.Option(help="File of `calibrate`; not needed with --scale.")] = None,
+    height: Annotated[
+        float | None, typer.Option(min=0.05, max=20.0, help="Of the camera over the floor [m], looking straight down.")
+    ] = None,
+    scale: Annotated[
+        float | None,
+        typer.Option(min=1e-5, max=0.1, help="[m/px] in the middle of the picture, at the height of the mouse's back."),
+    ] = None,
+    floor: Annotated[
+        Path | None, typer.Option(help="A film or picture of the floor without the mouse; else the film's median.")
+    ] = None,
+    back: Annotated[
+        float, typer.Option(min=0.0, max=0.3, help="Height of the mouse's widest part over the floor [m].")
+    ] = 0.055,
+    window: Annotated[float, typer.Option(min=0.05, max=10.0, help="Seconds over which its way is smoothed.")] = 0.8,
+    tags: Tags = None,
+    fps: Fps = None,
+    line_delay: LineDelay = None,
+    exposure: Exposure = None,
+    json: Json = None,
+) -> None:
+    """Follow a mouse without tags from above: where it is, its heading, its speed along it, and its lateral drift.
+
+    The mouse is what moves before the still floor. The floor's tags tell the scale; without them give the camera's
+    height, or the scale itself.
+
+    \b
+    nermo track top walk.mp4 --camera camera.yaml --out way.csv
+    nermo track top walk.mp4 --camera camera.yaml --height 1.2 --out way.csv
+    nermo track top walk.mp4 --scale 0.0015 --floor floor.png --out way.csv
+    """
+    with told():
+        from nermo_track.layout import load_layout
+        from nermo_track.top import View, overlook
+
+        if out.suffix != ".csv":
+            raise CommandError(f"--out: is {out}; must end in .csv", status=2)
+        if height is not None and scale is not None:
+            raise CommandError("--height and --scale: give one of them, for each tells the scale", status=2)
+        known = None if camera is None else _camera(camera, line_delay, exposure)
+        view = View(film, known, fps, height, scale, floor, back, window)
+        with progress() as say:
+            found = overlook(view, load_layout(tags), say)
+        names = "t,x,y,heading,speed,sideways,drift,sd_x,sd_y,sd_heading,sd_speed,sd_sideways,sd_drift"
+        save_table(out, names, found.way.table())
+    _print_way(found)
+    typer.echo(f"{out}: {len(found.way.time)} places")
+    if json is not None:
+        write_results(json, "track-top", {"film": found.report(), "out": str(out)})
+
+
+@track_app.command("live")
+def live(
+    camera: Annotated[str, typer.Argument(help="A device (0, /dev/video0), or a URL: http (Motion JPEG), rtsp.")],
+    out: Annotated[Path, typer.Option(help="The film to write, .mkv; its times go beside it.")],
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="How long to film; else until Ctrl-C.")] = None,
+    size: Annotated[
+        tuple[int, int] | None, typer.Option(help="Width and height to ask a device for: those of the calibration.")
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(min=1.0, max=1000.0, help="Pictures a second to ask a device for.")
+    ] = None,
+    tags: Tags = None,
+    json: Json = None,
+) -> None:
+    """Film with a camera that is plugged in or in the network. The film it leaves is used as any other.
+
+    Pictures are stamped by this computer's clock as they come, and kept grey and without loss. A line says how it
+    goes: pictures a second, how many were dropped, which tags are seen.
+
+    \b
+    nermo track live 0 --size 1280 720 --out walk.mkv
+    nermo track live http://phone.local:8080/video --seconds 30 --out walk.mkv
+    nermo track film walk.mkv --camera camera.yaml --out poses.csv
+    """
+    with told():
+        from rich.console import Console
+
+        from nermo_track.layout import load_layout
+        from nermo_track.live import Source, film_live
+
+        layout, console = load_layout(tags), Console(stderr=True)
+        with console.status(f"{camera}: opening") as status:
+            source = Source(camera, size, rate)
+            filmed = film_live(source, out, layout, seconds, lambda said: status.update(said.sentence(layout.ids)))
+    typer.echo(f"{out}: {filmed.width} x {filmed.height} px, {filmed.said.sentence(layout.ids)}")
+    if json is not None:
+        facts = {
+            "film": str(out),
+            "pictures": filmed.said.pictures,
+            "seconds": filmed.said.seconds,
+            "dropped": filmed.said.dropped,
+            "ended": filmed.ended,
+        }
+        write_results(json, "track-live", facts)
+    if filmed.ended is not None:
+        raise CommandError(f"{filmed.ended}; the {filmed.said.seconds:.1f} s until then are in {out}")
+
+
 @bench_app.callback()
 def bench() -> None:
     """Measure the tracker."""
@@ -180,6 +284,7 @@ def bench() -> None:
 @bench_app.command("track")
 def bench_track(
     robot: Annotated[str, typer.Option(help="nermo, nermo_lite or a parameter file.")] = "nermo_lite",
+    top: Annotated[bool, typer.Option("--top", help="Of a mouse without tags, from above.")] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer cameras and shorter films.")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the pictures' noise.")] = 0,
     json: Json = None,
@@ -189,36 +294,38 @@ def bench_track(
     \b
     nermo bench track
     nermo bench track --quick --json track.json
+    nermo bench track --top
     """
-    with _told(), _progress() as say:
+    with told(), progress() as say:
         from nermo_track.bench.command import bench
+        from nermo_track.bench.top import bench_top
 
-        rows = bench(robot, quick, seed, say)
-    _print_rows(rows)
+        rows = (bench_top if top else bench)(robot, quick, seed, say)
+    print_rows(rows)
     if json is not None:
-        write_results(json, "bench-track", {"rows": rows}, robot=robot, seed=seed)
+        write_results(json, "bench-track-top" if top else "bench-track", {"rows": rows}, robot=robot, seed=seed)
 
 
 def _shots(
     films: list[Path], cameras: list[Path], fps: float | None, line_delay: float | None, exposure: float | None
 ) -> list[Shot]:
     """Each film with its camera, and what is said of its times."""
-    from nermo_track.camera import load_camera
     from nermo_track.work import Shot
 
     if len(cameras) not in (1, len(films)):
         raise CommandError(f"--camera: {len(cameras)} of them for {len(films)} films; give one, or one for each", 2)
-    _check("--line-delay", line_delay, 1e-3)
-    _check("--exposure", exposure, 1.0)
-    own = {"line_delay": line_delay, "exposure": exposure}
-    update = {name: value for name, value in own.items() if value is not None}
-    loaded = [load_camera(path).model_copy(update=update) for path in cameras]
+    loaded = [_camera(path, line_delay, exposure) for path in cameras]
     return [Shot(path, loaded[k % len(loaded)], fps) for k, path in enumerate(films)]
 
 
-def _check(option: str, value: float | None, most: float) -> None:
-    if value is not None and not 0.0 <= value <= most:
-        raise CommandError(f"{option}: is {value:g}; allowed: 0 to {most:g} s", status=2)
+def _camera(path: Path, line_delay: float | None, exposure: float | None) -> Camera:
+    """A camera's file, with times that are said beside it."""
+    from nermo_track.camera import load_camera
+
+    check_seconds("--line-delay", line_delay, 1e-3)
+    check_seconds("--exposure", exposure, 1.0)
+    own = {"line_delay": line_delay, "exposure": exposure}
+    return load_camera(path).model_copy(update={name: value for name, value in own.items() if value is not None})
 
 
 def _print_film(one: Tracked) -> None:
@@ -241,52 +348,29 @@ def _print_film(one: Tracked) -> None:
         typer.echo(f"  warning: {warning}", err=True)
 
 
-def _save_table(out: Path, poses: Poses) -> None:
+def _save_poses(out: Path, poses: Poses) -> None:
     """Poses as a table with a header."""
     import numpy as np
 
     turn = poses.rotation.as_quat(scalar_first=True)
     deviation = np.sqrt(np.diagonal(poses.covariance, axis1=1, axis2=2))
     names = "t,base_x,base_y,base_z,base_qw,base_qx,base_qy,base_qz,sd_x,sd_y,sd_z,sd_roll,sd_pitch,sd_yaw"
-    rows = np.column_stack([poses.time, poses.position, turn, deviation])
-    try:
-        np.savetxt(out, rows, fmt="%.9g", delimiter=",", header=names, comments="")
-    except OSError as error:
-        raise CommandError(f"{out} cannot be written: {error.strerror}") from error
+    save_table(out, names, np.column_stack([poses.time, poses.position, turn, deviation]))
 
 
-def _print_rows(rows: list[dict[str, object]]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(*(name.replace("_", " ") for name in rows[0]))
-    for row in rows:
-        table.add_row(*(f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()))
-    console = Console()
-    Console(width=None if console.is_terminal else 180).print(table)
-
-
-@contextlib.contextmanager
-def _progress() -> Iterator[Callable[[str, float], None]]:
-    """A bar for a stage's share of 1 on a terminal, nothing elsewhere."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description:>8}"), BarColumn(), TimeElapsedColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=1.0)
-        yield lambda stage, share: bar.update(task, description=stage, completed=share)
-
-
-@contextlib.contextmanager
-def _told() -> Iterator[None]:
-    """Input that cannot be used ends the command with its sentence and status 2."""
-    from nermo_description.parameter_files import ParameterError
-    from nermo_node.recording_reader import RecordingError
-    from nermo_track.errors import TrackError
-
-    try:
-        yield
-    except (TrackError, ParameterError, RecordingError) as error:
-        raise CommandError(str(error), status=2) from error
+def _print_way(one: Overlooked) -> None:
+    """What was found in a film from above."""
+    facts, found = one.report(), one.way
+    typer.echo(f"{one.view.film}: {found.unseen.sentence()}")
+    typer.echo(
+        f"  {1e3 * found.along:.0f} mm ahead at {1e3 * found.mean_speed:.1f} ± "
+        f"{1e3 * found.mean_speed_deviation:.1f} mm/s, {1e3 * facts['drift_m']:+.0f} ± {1e3 * facts['drift_sd_m']:.0f} "
+        f"mm to the left, turned by {facts['turned_deg']:+.0f} degrees; the {found.nose_by} tells where its nose is"
+    )
+    speed, heading = facts["median_sd"]["speed"], facts["median_sd"]["heading"]
+    typer.echo(
+        f"  picture by picture: speed ± {1e3 * speed:.1f} mm/s, heading ± {57.29578 * heading:.1f} degrees; "
+        f"all lengths ± {100.0 * found.scale_deviation:.1f} % together"
+    )
+    for warning in one.warnings():
+        typer.echo(f"  warning: {warning}", err=True)

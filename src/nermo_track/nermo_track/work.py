@@ -94,13 +94,18 @@ def follow(shot: Shot, layout: Layout, say: Say) -> Tracked:
         TrackError: the film cannot be used, or is of another camera.
     """
     film, camera = Film(shot.film, shot.fps), shot.camera
-    if (film.width, film.height) != (camera.width, camera.height):
-        raise TrackError(
-            f"{shot.film}: has {film.width} x {film.height} pixels, its camera was calibrated with {camera.width} x "
-            f"{camera.height}; film both with the same settings"
-        )
+    check_size(film, camera)
     sightings = sight(film, layout, lambda share: say("tags", share))
     return Tracked(shot, track(sightings, camera, layout, str(shot.film)), None)
+
+
+def check_size(film: Film, camera: Camera) -> None:
+    """Raises TrackError for a film of another size than its camera's."""
+    if (film.width, film.height) != (camera.width, camera.height):
+        raise TrackError(
+            f"{film.path}: has {film.width} x {film.height} pixels, its camera was calibrated with {camera.width} x "
+            f"{camera.height}; film both with the same settings"
+        )
 
 
 def into_recording(

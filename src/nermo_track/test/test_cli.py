@@ -22,7 +22,7 @@ def test_help_waits_for_nothing_heavy() -> None:
     assert told.stdout.splitlines()[-1] == "[]"
 
 
-@pytest.mark.parametrize("command", ["sheet", "calibrate", "film"])
+@pytest.mark.parametrize("command", ["sheet", "calibrate", "film", "top", "live"])
 def test_each_command_has_examples(command: str) -> None:
     told = CliRunner().invoke(track_app, [command, "--help"])
     assert told.exit_code == 0

@@ -26,6 +26,8 @@ from nermo_track.pose import Placement
 Array = NDArray[np.float64]
 Poses = Callable[[Array], tuple[Array, Rotation]]
 """Times (n,) [s] -> positions (n, 3) [m] and rotations of base_link in the world."""
+Painter = Callable[[Array, float], None]
+"""Paints on a picture (height, width) whose first row's exposure begins at a time [s]."""
 
 FINER = 3
 """Rays along each edge of a pixel."""
@@ -65,6 +67,16 @@ class Print:
         width, height = ((1e3 * SQUARE * count + 2.0) * 1e-3 for count in (COLUMNS, ROWS))
         texture = np.pad(np.repeat(np.repeat(picture, 4, axis=0), 4, axis=1), 4, constant_values=255)
         return cls(_grey(texture), width, height, np.zeros(3), Rotation.identity())
+
+    @classmethod
+    def of_floor(cls, width: float, height: float, seed: int = 0) -> Print:
+        """A floor [m] with grain, fine and coarse, a hair below the papers on it."""
+        random, shape = np.random.default_rng(seed), (round(1e3 * height), round(1e3 * width))
+        texture = np.full(shape, FLOOR, dtype=np.float32)
+        for coarse in (2.0, 6.0, 20.0):
+            grain = cv2.GaussianBlur(random.standard_normal(shape).astype(np.float32), (0, 0), coarse)
+            texture += np.float32(6.0 / np.std(grain)) * grain
+        return cls(texture, width, height, np.array([0.0, 0.0, -1e-4]), Rotation.identity())
 
     @property
     def corners(self) -> Array:
@@ -106,9 +118,11 @@ class Studio:
         moving: Sequence[Print],
         flaws: Flaws | None = None,
         seed: int = 0,
+        painters: Sequence[Painter] = (),
     ) -> None:
-        """``world``: the world in the camera's axes."""
+        """``world``: the world in the camera's axes. ``painters`` paint what is no paper, after all papers."""
         self.camera, self.world, self._moving, self._flaws = camera, world, moving, flaws or Flaws()
+        self._painters = painters
         self._random = np.random.default_rng(seed)
         fine = (np.arange(max(camera.width, camera.height) * FINER) + 0.5) / FINER - 0.5
         across, down = np.meshgrid(fine[: camera.width * FINER], fine[: camera.height * FINER])
@@ -135,6 +149,8 @@ class Studio:
         if poses is not None:
             for paper in self._moving:
                 self._paint_moving(picture, paper, poses, begin, cover)
+            for paint in self._painters:
+                paint(picture, begin)
         if self._flaws.softness > 0.0:
             picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), self._flaws.softness), dtype=np.float64)
         noisy = picture + self._flaws.noise * self._random.standard_normal(picture.shape)

@@ -41,6 +41,8 @@ class Walk:
     position: Array
     """(n, 3) [m] of base_link."""
     rotation: Rotation
+    joints: Array | None = None
+    """(n, nq) All joints, as MuJoCo's `qpos`; None where only base_link matters."""
 
     def poses(self, time: Array) -> tuple[Array, Rotation]:
         """Where base_link is at times (m,) [s], between the ticks as well; held before the first and after the last."""
@@ -61,7 +63,7 @@ def walk(robot: RobotParameters, seconds: float, steps: Steps = STEPS) -> Walk:
     ]
     script = schedule(says)
     ticks = round(seconds * 1e9 / twin.period_ns)
-    told, place, turned = [], [], []
+    told, place, turned, joints = [], [], [], []
     for _ in range(ticks):
         sensors, state = twin.sensors(), twin.base_state()
         output = controller.step(
@@ -70,6 +72,8 @@ def walk(robot: RobotParameters, seconds: float, steps: Steps = STEPS) -> Walk:
         told.append(list(output.servo_positions))
         place.append(state.position)
         turned.append(state.quaternion)
+        joints.append(twin.data.qpos.copy())
         twin.step(output.servo_positions)
     time = np.asarray(np.arange(ticks) * twin.period_ns * 1e-9, dtype=np.float64)
-    return Walk(time, np.array(told), np.array(place), Rotation.from_quat(np.array(turned), scalar_first=True))
+    rotation = Rotation.from_quat(np.array(turned), scalar_first=True)
+    return Walk(time, np.array(told), np.array(place), rotation, np.array(joints))
