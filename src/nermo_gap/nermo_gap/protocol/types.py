@@ -78,7 +78,7 @@ class Piece:
     steering: Steering | None = None
 
     def said(self, t: float, turn: float) -> ControlCommand | None:
-        """What an operator says ``t`` [s] from the piece's beginning; ``turn`` in [-1, 1], left positive, is by who steers.
+        """What an operator says ``t`` [s] from the begin, with the stick at ``turn``: in [-1, 1], left positive.
 
         None where nothing is said: before the first command, and in the rest at the end.
         """
