@@ -379,9 +379,13 @@ EXPERIMENT = Experiment(
 
     Also finds the interval of the fore-aft COM over which the table comes out as the thesis's.
 
+    With --target the lifts are done on a mouse, with --film, then or later, it is told whether it tipped.
+
     \b
     nermo experiment balance
     nermo experiment balance --json balance.json
+    nermo experiment balance --target serial --port /dev/ttyUSB0 --calibration my_robot.yaml --out today
+    nermo experiment balance --film films --camera camera.yaml --out today
     """,
     columns=("leg", "compensation", "passed", "thesis_passed", "foot_forces_n", "pitch_deg"),
     cases=cases,

@@ -148,9 +148,14 @@ EXPERIMENT = Experiment(
 
     Exit status 1 if the mouse did not come out.
 
+    With --target a mouse walks through a smaller one, steered by who stands beside it; with --film, then or later, it
+    is measured.
+
     \b
     nermo experiment maze
     nermo experiment maze --quick --json maze.json
+    nermo experiment maze --target serial --port /dev/ttyUSB0 --dead-man pad --out today
+    nermo experiment maze --film films --camera camera.yaml --out today
     """,
     columns=(
         *("spine", "time_s", "thesis_time_s", "speed_m_s", "thesis_speed_m_s", "pitch_sd_deg", "roll_sd_deg"),
