@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from nermo_bringup.protocol.dead_man import REPEAT_HOLD_S, HeldKey, hint, watching
+from nermo_bringup.protocol.dead_man import REPEAT_HOLD_S, STEERS, HeldKey, hint, watching
 from nermo_bringup.teleop.keyboard import HOLD_S
 from nermo_description.robots import load_robot
 from nermo_gap.protocol.standard import protocol_of
@@ -56,4 +56,24 @@ def test_a_real_mouse_is_watched_unless_somebody_says_otherwise(target, port, gi
 
 def test_nobody_watches_the_twin() -> None:
     with watching("none", "xbox") as held:
-        assert held()
+        assert held() == 0.0, "it is held, and goes straight on"
+
+
+def test_who_steers_holds_a_key_of_a_direction_instead() -> None:
+    key = HeldKey(STEERS)
+    assert key.turn(0.0) is None
+    for at, pressed, turn in ((0.0, " ", 0.0), (0.1, "a", 1.0), (0.2, "d", -1.0), (0.3, "w", 0.0)):
+        key.press(pressed, at)
+        assert key.turn(at) == turn
+    assert key.turn(0.3 + HOLD_S) is None
+    key.press("a", 1.5)
+    key.press("x", 1.6)
+    assert key.turn(1.6) is None
+    assert "turn left or right" in hint("space", steers=True) and "turn" not in hint("space")
+
+
+def test_nobody_turns_who_only_holds() -> None:
+    key = HeldKey()
+    key.press(" ", 0.0)
+    key.press("a", 0.1)
+    assert key.turn(0.1) is None, "it is any other key"

@@ -18,14 +18,22 @@ from nermo_bringup.experiment.command import row_of
 from nermo_bringup.experiment.film import Filming, films_of, shot_of
 from nermo_bringup.experiment.measure import Measured, Seen, measure, summary
 from nermo_bringup.experiment.plan import PLAN_FILE, Plan, PlanFile, Run
+from nermo_bringup.protocol.pilot import Pilot
+from nermo_control.driver import Steering
+from nermo_control.gait.knowledge_base import GaitParameters
+from nermo_control.path import Path as ControlPath
+from nermo_control.path import PathFollower
+from nermo_control.types import ControlCommand, Odometry
 from nermo_description.parameter_files import ParameterError
 from nermo_description.results import CommandError
 from nermo_description.robots import load_robot
 from nermo_gap.protocol.scene import PieceRow, SceneFile
-from nermo_gap.protocol.types import REST
+from nermo_gap.protocol.types import REST, Piece
 from nermo_node.recording_reader import RecordingError
+from nermo_sim.experiments import balance, maze
 from nermo_sim.experiments.on_robot import RobotRequest, Way
 from nermo_sim.experiments.registry import ON_ROBOT
+from nermo_sim.experiments.runs import Settings
 from nermo_sim.experiments.straight_line import measure as straight
 from nermo_sim.experiments.straight_line_robot import OVER_TWIN, cases
 from nermo_sim.experiments.turning_robot import RADIUS, arc
@@ -193,6 +201,118 @@ def test_an_arc_is_followed_by_who_goes_round_its_middle(radius: float, speed: f
         assert found["followed"] and found["time_s"] == pytest.approx(RADIUS * quarter / speed, rel=0.1)
     if radius > 0.75:
         assert not found["followed"]
+
+
+def test_lifts_are_the_twin_s_own_servo_angles_after_the_rest(tmp_path: Path) -> None:
+    """Table 6.5 and A.4.2: each leg without and with compensation, thrice; knee and hip as in process."""
+    plan = Plan.of(asked(tmp_path, name="balance"), ON_ROBOT["balance"])
+    assert plan.about.distance is None and len(plan.runs) == 24
+    played = plan.segment(plan.runs[0]).pieces[-1]
+    case = plan.runs[0].case
+    angles = list(balance.servo_angles(case, MOUSE, GaitParameters(), 5_000_000))
+    for at in (0.0, 1.2, 2.8, 4.0):
+        expected = angles[round(at / 0.005)]
+        assert played.targets(REST + at + 0.001, MOUSE) == pytest.approx(dict(zip(MOUSE.servos, expected, strict=True)))
+    assert played.targets(0.5 * REST, MOUSE) == {name: servo.neutral for name, servo in MOUSE.servos.items()}
+    with pytest.raises(CommandError, match="--distance: is 1; balance has no distance"):
+        Plan.of(asked(tmp_path, name="balance", distance=1.0), ON_ROBOT["balance"])
+
+
+def lifted(degrees: float, seconds: float, begin: float = 1.6) -> Way:
+    """A body that rolls to the left from a moment [s] on, about its right feet, seen with 1 mm of noise."""
+    time = np.arange(0.0, seconds, 1.0 / 30.0)
+    roll = np.radians(np.where(time >= begin, -degrees, 0.0))
+    half = abs(MOUSE.hip_positions[0][1])
+    place = np.column_stack([0.0 * time, 0.0 * time, 0.05 + half * np.sin(roll)])
+    place += np.random.default_rng(0).normal(0.0, 1e-3, place.shape)
+    return Way(time, place, np.column_stack([roll, 0.0 * roll, 0.0 * roll]))
+
+
+def test_a_body_that_comes_down_on_the_lifted_leg_has_tipped() -> None:
+    """The corner above it must not sink; the one across may rise."""
+    left, right = (balance.Case(leg, False) for leg in ("rear_left", "rear_right"))
+    lift, upright = ON_ROBOT["balance"], Settings()
+    for way, stands in ((lifted(0.0, 4.6), True), (lifted(0.5, 4.6), True), (lifted(12.0, 4.6), False)):
+        found = lift.measure(left, way, upright)
+        assert (found["passed"], found["reached"]) == (stands, True)
+        assert found["up_s"] == pytest.approx(3.6 if stands else 0.6, abs=0.05)
+    assert lift.measure(right, lifted(12.0, 4.6), upright)["passed"], "that leg's corner goes up"
+    early = lift.measure(left, lifted(0.0, 3.0), upright)
+    assert not early["passed"] and not early["reached"] and early["tipped"] is False, "nobody saw the sweep"
+    assert lift.measure(left, lifted(0.0, 1.5), upright)["up_s"] is None
+
+
+def maze_walk(lanes: int, speed: float, beside: float, heading: float) -> Way:
+    """Shoulders on a line at a distance [m] left of the path through the maze, which lies along a heading [rad]."""
+    path = maze.maze_path((0.0, 0.0, 0.0), lanes).placed((0.3, -0.2, heading))
+    poses = [path.pose(speed * t) for t in np.arange(0.0, 1.05 * path.length / speed, 1.0 / 30.0)]
+    off = beside * np.minimum(np.arange(len(poses)) / 300.0, 1.0)
+    x, y, yaw = np.array(poses).T
+    x, y = x - off * np.sin(yaw), y + off * np.cos(yaw)
+    ahead = MOUSE.hip_positions[0][0]
+    place = np.column_stack([x - ahead * np.cos(yaw), y - ahead * np.sin(yaw), np.full(len(x), 0.045)])
+    return Way(np.arange(len(x)) / 30.0, place, np.column_stack([0.0 * yaw, 0.0 * yaw, np.unwrap(yaw)]))
+
+
+@settings(deadline=None, max_examples=15)
+@given(st.floats(0.05, 0.1), st.floats(-0.3, 0.12), st.floats(-3.0, 3.0))
+def test_a_maze_is_finished_by_who_stays_in_its_lanes(speed: float, beside: float, heading: float) -> None:
+    case = maze.Case(True, 2)
+    found = ON_ROBOT["maze"].measure(case, maze_walk(2, speed, beside, heading), Settings())
+    length = maze.maze_path((0.0, 0.0, 0.0), 2).length
+    assert found["reached"] and found["cross_track_m"] == pytest.approx(abs(beside), abs=0.01)
+    assert found["time_s"] == pytest.approx(length / speed, rel=0.01)
+    assert found["speed_m_s"] * found["time_s"] == pytest.approx(length)
+    if abs(abs(beside) - maze.CORNER_RADIUS) > 0.01:
+        assert found["finished"] == (abs(beside) < maze.CORNER_RADIUS)
+
+
+def test_a_maze_of_which_the_end_is_not_seen_has_no_time() -> None:
+    way = maze_walk(2, 0.08, 0.0, 0.0)
+    half = Way(way.time[:400], way.position[:400], way.roll_pitch_yaw[:400])
+    found = ON_ROBOT["maze"].measure(maze.Case(False, 2), half, Settings())
+    assert found["time_s"] is None and not found["reached"] and not found["finished"]
+
+
+def test_the_robot_s_maze_is_smaller_and_steered(tmp_path: Path) -> None:
+    plan = Plan.of(asked(tmp_path, name="maze"), ON_ROBOT["maze"])
+    assert len(plan.runs) == 6 and plan.segment(plan.runs[0]).steered
+    own, twin = (plan.segment(plan.runs[0]).pieces[-1].steering, maze.maze_path((0.0, 0.0, 0.0)))
+    assert own is not None and own.path.length < twin.length
+    curvatures = {segment.curvature for segment in own.path.segments}
+    assert min(curvatures) < 0.0 < max(curvatures), "bends to both sides"
+    assert "180 deg to the left about 0.2 m" in plan.segment(plan.runs[0]).tell
+    claims = plan.on_robot.claims(
+        [{"spine": spine, "finished": True, "time_s": 100.0 - 32.0 * spine} for spine in (False, True)]
+    )
+    assert [(claim["ratio"], claim["kind"]) for claim in claims] == [(pytest.approx(1.0), "robot")]
+    assert plan.on_robot.claims([{"spine": False, "finished": True, "time_s": 9.0}]) == []
+
+
+def test_nobody_plays_a_maze_whom_nobody_steers(tmp_path: Path) -> None:
+    words = ["maze", "--target", "serial", "--port", "nowhere", "--dead-man", "none", "--out", str(tmp_path)]
+    told = CliRunner().invoke(experiment_app, words)
+    assert isinstance(told.exception, CommandError) and told.exception.status == 2
+    assert "somebody has to steer a real mouse" in str(told.exception)
+
+
+def test_a_pilot_leads_a_mouse_along_the_path_from_where_it_stands_and_lets_go_at_its_end() -> None:
+    """A point that turns as it is told, at once, and is no slower for it: as with the spine alone."""
+    path, speed = ControlPath.polyline([(0.0, 0.0), (1.0, 0.0), (1.0, 1.5)], 0.6), 0.08
+    said = ControlCommand(0, forward_velocity=speed, gait="trot", gait_frequency=0.67, turning_strategy="spine")
+    piece = Piece("walk", "walk", 90.0, commands=((0.0, said),), steering=Steering(path, speed / 0.15))
+    pilot = Pilot(MOUSE)
+    assert pilot.steer(None, None) == 0.0
+    ahead, step = MOUSE.hip_positions[0][0], 0.02
+    x, y, yaw, stamp, far = 1.0, -2.0, 0.6, 0, 0.0
+    follower = PathFollower(path.placed((x + ahead * math.cos(yaw), y + ahead * math.sin(yaw), yaw)))
+    while (turn := pilot.steer(piece, Odometry(stamp, x, y, yaw))) is not None:
+        assert -1.0 <= turn <= 1.0 and stamp < 60 * 10**9
+        yaw += turn * speed / 0.15 * step
+        x, y, stamp = x + speed * step * math.cos(yaw), y + speed * step * math.sin(yaw), stamp + round(step * 1e9)
+        seen = follower.step((x + ahead * math.cos(yaw), y + ahead * math.sin(yaw), yaw))
+        far = max(far, abs(seen.cross_track))
+    assert seen.progress >= path.length and far < 0.05
 
 
 def test_scatter_and_tracker_are_said_apart() -> None:

@@ -1,11 +1,13 @@
-"""N's straight line through the graph: what who stands beside the mouse is told, and a run played, filmed, measured."""
+"""N's experiments through the graph: what who stands beside the mouse is told, and runs played, filmed, measured."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from typer.testing import CliRunner
 
 from nermo_bringup.experiment.cli import experiment_app
 from nermo_bringup.experiment.measure import seen_in
+from nermo_sim.experiments import balance, maze
 from nermo_sim.experiments.registry import ON_ROBOT
 from nermo_track.bench.command import PLACES
 from nermo_track.bench.studio import Studio, look_at, save_film, shoot
@@ -117,3 +120,37 @@ def test_who_stands_beside_a_real_mouse_is_told_what_to_film_and_may_leave(tmp_p
         terminal.close()
     assert "left; what is recorded stays" in terminal.text and "0 of 2 runs are recorded" in terminal.text
     assert [path.name for path in (tmp_path / "out" / "straight-line" / "robot").iterdir()] == ["experiment.yaml"]
+
+
+def played_alone(case: Any, name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict:
+    """What is found of one run of one case on the twin in the graph, beside which nobody stands."""
+    one = dataclasses.replace(ON_ROBOT[name], cases=lambda quick: [case])
+    monkeypatch.setitem(ON_ROBOT, name, one)
+    monkeypatch.chdir(folder)
+    words = [name, "--target", "sim", "--yes", "--quick", "--repeats", "1", "--out", "out", "--json", "out.json"]
+    told = CliRunner().invoke(experiment_app, words)
+    assert told.exit_code == 0, told.output
+    facts = json.loads((folder / "out.json").read_text())
+    assert (folder / "out" / name / "robot" / f"{name}.png").stat().st_size > 0
+    (row,), (measured,) = facts["rows"], facts["runs"]
+    assert row["runs"] == 1 and measured["seen_by"] == "/nermo/truth/odom" and measured["reached"]
+    return facts
+
+
+def test_a_leg_is_lifted_and_the_body_is_seen_to_tip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rear left one without compensation: N's robot and both twins fall on it."""
+    facts = played_alone(balance.Case("rear_left", False), "balance", tmp_path, monkeypatch)
+    (row,) = facts["rows"]
+    assert row["passed"] is row["twin_passed"] is row["thesis_robot_passed"] is False
+    # In the graph the servos are told a little later than in process.
+    assert row["up_s"] == pytest.approx(row["twin_up_s"], abs=0.2)
+    assert row["sunk_mm"] == pytest.approx(row["twin_sunk_mm"], rel=0.2)
+
+
+@pytest.mark.slow
+def test_a_maze_is_steered_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the stand-in, which says what a stick says: the mouse itself is told no path."""
+    facts = played_alone(maze.Case(True, maze.QUICK_LANES), "maze", tmp_path, monkeypatch)
+    (row,) = facts["rows"]
+    assert row["finished"] and row["cross_track_m"] < 0.1
+    assert row["time_s"] == pytest.approx(row["twin_time_s"], rel=0.25)

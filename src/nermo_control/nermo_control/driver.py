@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from pydantic import BaseModel, ConfigDict, Field
 
 from nermo_control.lift import LIFTED_LEG
+from nermo_control.path import Path
 from nermo_control.spine.functions import SPINE_FUNCTIONS
 from nermo_control.types import ControlCommand, Posture, SpineModes, TrajectoryMode
 
@@ -16,6 +17,19 @@ FREQUENCY_STEP_HZ = 0.1
 FREQUENCY_RANGE_HZ = (0.1, 3.0)
 TRIM_STEP = 0.1
 """[rad/m] of turning for each metre walked: 0.1 takes out a drift of 5 cm in a metre."""
+
+
+@dataclass(frozen=True)
+class Steering:
+    """How whoever sees the mouse leads it along a path, while something else says how fast it walks.
+
+    Attributes:
+        path: from where its shoulders are, x along its heading.
+        turn_rate: [rad/s] with the stick fully to the left, in the way of going that is told.
+    """
+
+    path: Path
+    turn_rate: float
 
 
 class Limits(BaseModel):

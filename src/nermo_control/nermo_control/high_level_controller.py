@@ -183,6 +183,13 @@ class HighLevelController:
         cos, sin = math.cos(odometry.yaw), math.sin(odometry.yaw)
         return odometry.x + cos * self._guide, odometry.y + sin * self._guide, odometry.yaw
 
+    def turn_rate(self, motion: MotionCommand) -> float:
+        """[rad/s] that a motion command promises, positive left: what an operator would have to ask for."""
+        exponent = self._parameters.turn_response_exponent
+        return self._turning.turn_rate(
+            motion.turn_rate_normalized, motion.forward_velocity, motion.turning_strategy, exponent
+        )
+
     def step(self, stamp: int, command: ControlCommand | None, odometry: Odometry | None) -> MotionCommand:
         """Motion command of the tick at `stamp` [ns], from the newest command and the newest odometry (None: none yet).
 

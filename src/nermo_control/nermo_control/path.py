@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Self
 
@@ -120,6 +120,22 @@ class Path:
                 position = arc.pose(arc.length)[:2]
             cut = next_cut
         return cls(segments)
+
+    def placed(self, pose: Pose) -> Path:
+        """The same path, whose frame stands at a pose (x [m], y [m], yaw [rad])."""
+        x, y, yaw = pose
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        return Path(
+            [
+                replace(
+                    segment,
+                    x=x + cos * segment.x - sin * segment.y,
+                    y=y + sin * segment.x + cos * segment.y,
+                    yaw=yaw + segment.yaw,
+                )
+                for segment in self.segments
+            ]
+        )
 
     @property
     def length(self) -> float:

@@ -52,6 +52,14 @@ def test_a_polyline_runs_on_without_a_kink_and_meets_its_ends() -> None:
     assert path.smallest_radius == pytest.approx(0.2)
 
 
+@given(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0), st.floats(-3.0, 3.0), st.floats(0.0, 1.5))
+def test_a_path_that_is_placed_is_seen_alike_from_where_it_stands(x: float, y: float, yaw: float, way: float) -> None:
+    path = Path.polyline([(0.0, 0.0), (1.0, 0.0), (1.0, 0.5), (0.2, 0.5)], 0.2)
+    own, there = path.pose(way), path.placed((x, y, yaw)).pose(way)
+    ahead, left = math.cos(yaw) * own[0] - math.sin(yaw) * own[1], math.sin(yaw) * own[0] + math.cos(yaw) * own[1]
+    assert there == pytest.approx((x + ahead, y + left, yaw + own[2]), abs=1e-9)
+
+
 @pytest.mark.parametrize(
     "make",
     [

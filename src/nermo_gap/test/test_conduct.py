@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from nermo_control.driver import Steering
+from nermo_control.path import Path
 from nermo_control.types import ControlCommand, Posture
 from nermo_description.robots import load_robot
 from nermo_description.stand import Stand
@@ -142,3 +146,12 @@ def test_the_scene_says_when_each_piece_was_played() -> None:
     assert trot.begin == pytest.approx(SQUAT.seconds + 1.1 + LEAD, abs=0.011)
     at = scene.pieces_at(np.array([-1.0, REST, squat.end + 0.5, trot.begin + 0.1, trot.end]))
     np.testing.assert_array_equal(at, [np.nan, 0.0, np.nan, 1.0, np.nan])
+
+
+def test_who_steers_turns_a_piece_that_is_steered_and_no_other() -> None:
+    steered = replace(TROT, steering=Steering(Path.line((0.0, 0.0, 0.0), 1.0), 0.4))
+    assert asked(steered, 1.0, ROBOT, 0.5)[0] == replace(GO, turn_rate=0.2)
+    assert asked(steered, 1.0, ROBOT)[0] == GO
+    assert asked(steered, 0.5 * REST, ROBOT, 0.5)[0].posture is Posture.STAND
+    assert asked(TROT, 1.0, ROBOT, 0.5)[0] == GO, "nobody steers it"
+    assert Segment("way", "floor", "", (SQUAT, steered)).steered and not SEGMENT.steered

@@ -152,18 +152,21 @@ def _known(rows: Sequence[dict[str, Any]], whose: str) -> tuple[list[float], lis
     return [row["frequency_hz"] for row in known], [row[f"{whose}speed_m_s"] for row in known], wide
 
 
-def plot_turning_on_robot(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """Time on the arc by strategy of a real mouse (both uncertainties), its twin, and N's two."""
+def plot_bars_on_robot(
+    rows: Sequence[dict[str, Any]], path: Path, quantity: str, label: str, names: Sequence[str], title: str
+) -> None:
+    """A quantity by row of a real mouse (both uncertainties), its twin, and N's two where N prints them."""
     figure = Figure(figsize=(7.0, 4.5), layout="constrained")
     axes = figure.subplots()
-    names = {"": "robot", "twin_": "its twin", "thesis_robot_": "the thesis's robot", "thesis_twin_": "its twin, N"}
-    for index, (whose, label) in enumerate(names.items()):
-        known = [(place, row) for place, row in enumerate(rows) if row[f"{whose}time_s"] is not None]
-        parts = (f"{whose}scatter_time_s", f"{whose}tracker_time_s")
+    whom = {"": "robot", "twin_": "its twin", "thesis_robot_": "the thesis's robot", "thesis_twin_": "its twin, N"}
+    there = {whose: who for whose, who in whom.items() if f"{whose}{quantity}" in rows[0]}
+    for index, (whose, who) in enumerate(there.items()):
+        known = [(place, row) for place, row in enumerate(rows) if row[f"{whose}{quantity}"] is not None]
+        parts = (f"{whose}scatter_{quantity}", f"{whose}tracker_{quantity}")
         wide = [math.hypot(*(row.get(part) or 0.0 for part in parts)) for _, row in known]
-        where = [place + 0.2 * (index - 1.5) for place, _ in known]
-        axes.bar(where, [row[f"{whose}time_s"] for _, row in known], 0.18, yerr=wide, label=label, capsize=3)
-    axes.set_xticks(range(len(rows)), [row["strategy"] for row in rows])
-    axes.set(ylabel="time [s]", title=f"Arc of {rows[0]['path_radius_m']:g} m")
+        where = [place + 0.2 * (index - 0.5 * (len(there) - 1)) for place, _ in known]
+        axes.bar(where, [row[f"{whose}{quantity}"] for _, row in known], 0.18, yerr=wide, label=who, capsize=3)
+    axes.set_xticks(range(len(rows)), names)
+    axes.set(ylabel=label, title=title)
     axes.legend()
     figure.savefig(path, dpi=120)

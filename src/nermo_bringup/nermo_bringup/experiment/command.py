@@ -79,7 +79,7 @@ def _measure(plan: Plan, there: dict[Run, SceneFile]) -> dict[Run, Measured]:
         if found[run].gap > LONGEST_GAP:
             _warn(f"run {run.film}: the mouse was not seen for {found[run].gap:.1f} s of its walk")
         if not found[run].result.get("reached", True):
-            _warn(f"run {run.film}: the end line was not reached, or not seen; it counts as far as it was")
+            _warn(f"run {run.film}: its end was not reached, or not seen; it counts as far as it was")
     return found
 
 
@@ -105,7 +105,8 @@ def _report(plan: Plan, request: RobotRequest, there: dict[Run, SceneFile], meas
     by_case = [[found for run, found in measured.items() if run.case == case] for case in cases]
     rows = [row_of(plan, *each) for each in zip(cases, by_case, twin, strict=True)]
     about = plan.about
-    title = f"{about.experiment} on the mouse, {about.distance:g} m, at most {about.repeats} x each, {about.robot}"
+    distance = "" if about.distance is None else f"{about.distance:g} m, "
+    title = f"{about.experiment} on the mouse, {distance}at most {about.repeats} x each, {about.robot}"
     print_rows(title, rows, _columns(plan, rows))
     topics = ", ".join(sorted({found.topic for found in measured.values()}))
     console.print(
@@ -160,7 +161,7 @@ def _columns(plan: Plan, rows: Sequence[Row]) -> list[str]:
     """Of the rows, those that the terminal shows."""
     first, *others = plan.on_robot.measured
     described = [name for name in plan.on_robot.describe(plan.cases[0]) if len({row[name] for row in rows}) > 1]
-    described = described or ["gait"]
+    described = described or list(plan.on_robot.describe(plan.cases[0]))[:1]
     lead = [first, f"scatter_{first}", f"tracker_{first}", f"twin_{first}", "robot_over_twin", "robot_over_twin_sd"]
     return [
         *described,

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from nermo_control.types import ControlCommand
 from nermo_description.parameter_files import read_yaml, validate, write_yaml
 from nermo_description.results import CommandError
 from nermo_gap.protocol.scene import BAG_FOLDER, SceneFile, scene_of
 from nermo_gap.protocol.standard import clock
-from nermo_gap.protocol.types import REST, Piece, Segment
+from nermo_gap.protocol.types import REST, Piece, Rows, Segment
 from nermo_sim.experiments.experiment import QUICK_DISTANCE
-from nermo_sim.experiments.on_robot import LONGEST, SHORTEST, OnRobot, RobotRequest
+from nermo_sim.experiments.on_robot import LONGEST, SHORTEST, OnRobot, Posed, RobotRequest, Said
 from nermo_sim.experiments.runs import Case, Settings
 
 PLAN_FILE = "experiment.yaml"
@@ -33,8 +32,8 @@ class PlanFile(BaseModel):
     experiment: str
     robot: str
     """Name, or parameter file."""
-    distance: float = Field(ge=SHORTEST, le=LONGEST, json_schema_extra={"unit": "m"})
-    """[m] of a run."""
+    distance: float | None = Field(default=None, ge=SHORTEST, le=LONGEST, json_schema_extra={"unit": "m"})
+    """[m] of a run; None where that is not one for all of them."""
     repeats: int = Field(ge=1, le=100)
     quick: bool = False
     seed: int = Field(default=0, ge=0)
@@ -100,7 +99,8 @@ class Plan:
         """As the twin's runs have them."""
         about = self.about
         settings = self.on_robot.experiment.settings(about.robot, about.seed, about.quick, about.repeats)
-        return replace(settings, distance=about.distance, tail=self.on_robot.experiment.tail)
+        settings = replace(settings, tail=self.on_robot.experiment.tail)
+        return settings if about.distance is None else replace(settings, distance=about.distance)
 
     @property
     def cases(self) -> list[Case]:
@@ -125,12 +125,11 @@ class Plan:
         write_yaml(self.about.model_dump(mode="json"), self.folder / PLAN_FILE)
 
     def segment(self, run: Run) -> Segment:
-        """What is played in a run: what tells a film's clock, and the walk."""
-        command: ControlCommand = self.on_robot.command(run.case, self.settings)
-        seconds = self.on_robot.seconds(run.case, self.settings) + 2.0 * REST
-        piece = Piece(WALK, f"{run.case.key}, run {run.repeat + 1}", seconds, commands=((0.0, command),), looks=(0.35,))
-        place = self.on_robot.place(run.case, self.about.distance)
-        return Segment(run.name, "floor", place, (clock(), piece))
+        """What is played in a run: what tells a film's clock, and what is measured."""
+        settings, on_robot = self.settings, self.on_robot
+        tell = f"{run.case.key}, run {run.repeat + 1}"
+        piece = _piece(tell, on_robot.played(run.case, settings), on_robot.seconds(run.case, settings))
+        return Segment(run.name, "floor", on_robot.place(run.case, settings), (clock(), piece))
 
     def recorded(self, run: Run) -> SceneFile | None:
         """The scene of a run that is whole; None of one that is not there, or was broken off.
@@ -154,13 +153,22 @@ class Plan:
         folder.rename(next(path for path in _numbered(aside / run.name) if not path.exists()))
 
 
+def _piece(tell: str, played: Said | Posed, seconds: float) -> Piece:
+    """What is measured of a run: it moves for so long [s], between two rests in the stand."""
+    seconds, looks = seconds + 2.0 * REST, (0.35,)
+    if isinstance(played, Said):
+        said = ((0.0, played.command),)
+        return Piece(WALK, tell, seconds, commands=said, looks=looks, steering=played.steering)
+    stand: tuple[Mapping[str, float], ...] = ({},) * round(REST / played.period)
+    return Rows(WALK, tell, seconds, looks=looks, period=played.period, rows=stand + played.rows)
+
+
 def _asked(request: RobotRequest, on_robot: OnRobot[Any]) -> PlanFile:
     """What a new folder's runs have in common. Raises CommandError for a distance that this experiment has not."""
     usual = on_robot.distance
     if not on_robot.other_distances and request.distance not in (None, usual):
-        raise CommandError(
-            f"--distance: is {request.distance:g}; {request.name} is over {usual:.3f} m always", status=2
-        )
+        way = "has no distance" if usual is None else f"is over {usual:.3f} m always"
+        raise CommandError(f"--distance: is {request.distance:g}; {request.name} {way}", status=2)
     if request.quick and on_robot.other_distances:
         usual = QUICK_DISTANCE
     repeats = on_robot.repeats.quick if request.quick else on_robot.repeats.usual

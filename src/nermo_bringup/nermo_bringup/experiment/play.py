@@ -87,7 +87,7 @@ class _Beside:
     def _wanted(self, run: Run) -> bool:
         """Whether this run is to be done now."""
         count, case = len(self._plan.runs), f"{run.case.key}, run {run.repeat + 1}"
-        place = self._plan.on_robot.place(run.case, self._plan.about.distance)
+        place = self._plan.on_robot.place(run.case, self._plan.settings)
         self._session.announce(f"run {run.film} of {count}: {case}: {place}")
         if not self._asks:
             return True

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import rclpy
+from nav_msgs.msg import Odometry as OdometryMessage
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -16,8 +17,9 @@ from std_msgs.msg import Bool
 from nermo_bringup.nodes.outlet import SERVO_PERIOD_S, Outlet
 from nermo_bringup.nodes.present import others
 from nermo_control.driver import Driver, Limits
+from nermo_control.nodes.conversions import odometry_from_message
 from nermo_control.nodes.operator import Operator
-from nermo_control.types import Posture
+from nermo_control.types import Odometry, Posture
 from nermo_interfaces.msg import ServoCommand
 from nermo_node import qos
 from nermo_node.complaints import Complaints
@@ -34,7 +36,7 @@ EARLY_S = 2e-4
 
 
 class ConductorNode(Node):
-    """The clock, the outlet, and who asks for the servos' release; its owner spins it."""
+    """The clock, the outlet, who asks for the servos' release, and where an emulated mouse is; its owner spins it."""
 
     def __init__(self, namespace: str, sim_time: bool, executor: Executor) -> None:
         given = [Parameter(USE_SIM_TIME, value=sim_time)]
@@ -48,15 +50,21 @@ class ConductorNode(Node):
         """Stamp [ns] of what the servos were told last."""
         self.stopped = False
         """Whether somebody has said emergency stop since this node began."""
+        self.truth: Odometry | None = None
+        """Where an emulated mouse was last; None of one that nobody sees."""
         self.create_subscription(Bool, TOPIC, self._on_stop, qos.STATE)
         inputs = Inputs(self, refused.add_one)
         inputs.subscribe(ServoCommand, "servo_command", self._on_servo_command, qos.BEST_EFFORT)
+        inputs.subscribe(OdometryMessage, "truth/odom", self._on_truth, qos.BEST_EFFORT)
 
     def _on_stop(self, message: Bool) -> None:
         self.stopped |= message.data
 
     def _on_servo_command(self, message: ServoCommand) -> None:
         self.commanded = to_nanoseconds(message.header.stamp)
+
+    def _on_truth(self, message: OdometryMessage) -> None:
+        self.truth = odometry_from_message(message)
 
     @property
     def now(self) -> int:

@@ -22,6 +22,7 @@ from nermo_bringup.launch.executables import find_launch_file
 from nermo_bringup.launch.running_graph import ALIVE, Graph, running_graph
 from nermo_bringup.nodes.conductor import ConductorNode, in_graph
 from nermo_bringup.protocol.dead_man import Watch, hint, watching
+from nermo_bringup.protocol.pilot import Pilot
 from nermo_description.model import build_model
 from nermo_description.parameter_files import write_yaml
 from nermo_description.results import CommandError
@@ -67,9 +68,12 @@ def session(request: Request) -> Iterator[Session]:
     """A session, while the block runs; signals are its then.
 
     Raises:
-        CommandError: a real mouse would have nobody who watches it.
+        CommandError: a real mouse would have nobody who watches it, or who steers it where that is needed.
     """
     unwatched = request.on_twin and request.watched_by == "none"
+    steered = any(segment.steered for segment in request.protocol.segments)
+    if steered and not request.on_twin and (request.watcher is not None or request.watched_by == "none"):
+        raise CommandError("somebody has to steer a real mouse: --dead-man space or pad", status=2)
     if request.watcher is None and not unwatched and not sys.stdin.isatty():
         raise CommandError(
             "a real mouse is watched: it waits for Enter, and moves while the space bar is held, so that "
@@ -157,7 +161,7 @@ class Session:
         played: list[Played] = []
         try:
             with (
-                self._watched() as held,
+                self._watched(segment) as held,
                 in_graph(NAMESPACE, sim_time=request.target == "sim") as node,
             ):
                 self._refuse_another_graph(node, arguments)
@@ -169,7 +173,8 @@ class Session:
                     if ready:
                         self.tell(ready)
                     with self._progress(segment) as advance:
-                        self._play(conductor, node, graph, held, advance, log)
+                        held = self._pilot(segment, conductor, node) or held
+                        self._play(segment, conductor, node, graph, held, advance, log)
                     return conductor.broken
         finally:
             # Also of a segment that was not played to its end.
@@ -194,17 +199,18 @@ class Session:
 
     def _play(
         self,
+        segment: Segment,
         conductor: Conductor,
         node: ConductorNode,
         graph: Graph,
-        held: Callable[[], bool],
+        held: Watch,
         advance: Callable[[float], None],
         log: Path,
     ) -> None:
         """Until all pieces are played, or somebody leaves; the mouse stands then."""
         last, before, checked, stepped = -1, False, 0.0, self._request.target == "sim"
         watcher = self._request.watcher
-        if (what := watcher.hint if watcher else hint(self._request.watched_by)) != "":
+        if (what := watcher.hint if watcher else hint(self._request.watched_by, segment.steered)) != "":
             self.tell(f"{what}: the mouse stands up and begins; let go and it stands still (Ctrl-C leaves)")
         begun = False
         try:
@@ -219,13 +225,14 @@ class Session:
                     checked = time.monotonic()
                     graph.check()
                     advance(conductor.seconds(now))
-                holds = held()
+                turn = held()
+                holds = turn is not None
                 if holds and not before:
                     node.release()
                 before, begun = holds, begun or holds
                 # A stepped twin waits: what it was told may have been lost.
                 if begun and (now > last or stepped):
-                    node.outlet.send(*conductor.step(now, holds, node.commanded), every_tick=stepped)
+                    node.outlet.send(*conductor.step(now, holds, node.commanded, turn or 0.0), every_tick=stepped)
                     if conductor.spoiled >= SPOILED:
                         raise CommandError(
                             f"a piece was broken off {SPOILED} times: this machine is too slow for the graph, or the "
@@ -252,13 +259,20 @@ class Session:
             self._request.watcher.tell(text)
 
     @contextmanager
-    def _watched(self) -> Iterator[Watch]:
+    def _watched(self, segment: Segment) -> Iterator[Watch]:
         """What tells whether somebody lets the mouse move."""
-        if self._request.watcher:
-            yield self._request.watcher.held
+        if (watcher := self._request.watcher) is not None:
+            yield lambda: 0.0 if watcher.held() else None
             return
-        with watching(self._request.watched_by, self._request.pad) as held:
+        with watching(self._request.watched_by, self._request.pad, segment.steered) as held:
             yield held
+
+    def _pilot(self, segment: Segment, conductor: Conductor, node: ConductorNode) -> Watch | None:
+        """Who steers an emulated mouse where nobody else does."""
+        if not (segment.steered and self._request.on_twin and self._request.watched_by == "none"):
+            return None
+        pilot = Pilot(self._request.robot)
+        return lambda: pilot.steer(conductor.piece, node.truth)
 
     def _look_for_leaving(self) -> None:
         watcher = self._request.watcher

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from nermo_control.types import ControlCommand, Posture
 from nermo_description.parameters import RobotParameters
 from nermo_description.silence import TARGETS
-from nermo_gap.protocol.types import REST, Piece, Segment
+from nermo_gap.protocol.types import Piece, Segment
 
 LEAD = 3.0
 """[s] of the stand before a piece that does not follow upon another: a crouched mouse stands up and comes to rest."""
@@ -31,15 +31,14 @@ class Played:
     end: int
 
 
-def asked(piece: Piece, t: float, robot: RobotParameters) -> tuple[ControlCommand, Targets | None]:
-    """What is commanded ``t`` [s] from a piece's beginning, and where its waves have the servos."""
+def asked(piece: Piece, t: float, robot: RobotParameters, turn: float = 0.0) -> tuple[ControlCommand, Targets | None]:
+    """What is commanded ``t`` [s] from a piece's beginning, and where its waves have the servos.
+
+    ``turn``: in [-1, 1], left positive, by whoever steers a piece that is steered.
+    """
     if piece.of_servos:
         return DIRECT, piece.targets(t, robot)
-    said = STAND
-    if t < piece.seconds - REST:
-        for begin, command in piece.commands:
-            said = command if t >= REST + begin else said
-    return said, None
+    return piece.said(t, turn) or STAND, None
 
 
 class Conductor:
@@ -82,11 +81,13 @@ class Conductor:
         done = sum(played.piece.seconds for played in self.played)
         return done if self.piece is None or self._begin is None else done + (now - self._begin) * 1e-9
 
-    def step(self, now: int, held: bool = True, commanded: int | None = None) -> tuple[ControlCommand, Targets | None]:
+    def step(
+        self, now: int, held: bool = True, commanded: int | None = None, turn: float = 0.0
+    ) -> tuple[ControlCommand, Targets | None]:
         """What to command at ``now`` [ns], stamped.
 
         ``held``: whether whoever watches the mouse lets it move. ``commanded``: stamp [ns] of what the servos were
-        told last; None where nobody looks.
+        told last; None where nobody looks. ``turn``: as of `asked`.
         """
         why = "" if held else "let go"
         if self._last is not None and not 0 <= now - self._last <= BROKEN_AFTER * 1e9:
@@ -104,7 +105,7 @@ class Conductor:
         piece = self.piece
         if piece is None or self._begin is None:
             return replace(STAND, stamp=now), None
-        command, targets = asked(piece, (now - self._begin) * 1e-9, self._robot)
+        command, targets = asked(piece, (now - self._begin) * 1e-9, self._robot, turn)
         return replace(command, stamp=now), targets
 
     def _break_off(self, now: int, why: str, held: bool) -> None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
+from nermo_control.driver import Steering
 from nermo_control.types import ControlCommand
 from nermo_description.parameters import RobotParameters
 
@@ -65,6 +66,7 @@ class Piece:
         looks: [s] from the piece's beginning where a diagnosis begins to look, for half a second: what moves there
             tells most, and a replay can begin there.
         commands: (time [s] from the piece's first motion, command), in rising order; then there are no waves.
+        steering: how whoever watches the mouse steers it meanwhile; None where nobody does.
     """
 
     name: str
@@ -73,6 +75,19 @@ class Piece:
     waves: tuple[Wave, ...] = ()
     commands: tuple[tuple[float, ControlCommand], ...] = ()
     looks: tuple[float, ...] = ()
+    steering: Steering | None = None
+
+    def said(self, t: float, turn: float) -> ControlCommand | None:
+        """What an operator says ``t`` [s] from the begin, with the stick at ``turn``: in [-1, 1], left positive.
+
+        None where nothing is said: before the first command, and in the rest at the end.
+        """
+        if t >= self.seconds - REST:
+            return None
+        command = next((command for begin, command in reversed(self.commands) if t >= REST + begin), None)
+        if command is None or self.steering is None:
+            return command
+        return replace(command, turn_rate=command.turn_rate + turn * self.steering.turn_rate)
 
     @property
     def of_servos(self) -> bool:
@@ -124,6 +139,11 @@ class Segment:
     def seconds(self) -> float:
         """[s] that it lasts."""
         return sum(piece.seconds for piece in self.pieces)
+
+    @property
+    def steered(self) -> bool:
+        """Whether somebody has to steer the mouse through a piece of it."""
+        return any(piece.steering is not None for piece in self.pieces)
 
     def spans(self) -> Mapping[str, tuple[float, float]]:
         """By piece: its first and last time [s] in the segment."""

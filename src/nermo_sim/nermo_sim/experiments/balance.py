@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
@@ -13,7 +13,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.leg_controller import LegController
+from nermo_control.legs.kinematics import leg_kinematics
 from nermo_control.lift import KNEE_COMPRESSION, LIFT_DURATION, SHIFT_DURATION
 from nermo_control.spine.controller import SpineController
 from nermo_control.types import LegStates, MotionCommand, MotionOutput, Phase, Posture, SpineModes
@@ -25,7 +27,7 @@ from nermo_sim.disturbance import Disturbance, DisturbedRun
 from nermo_sim.experiments.experiment import Experiment, Facts, Finished
 from nermo_sim.experiments.runs import Job, Result, Settings, mean, rounded, spread
 from nermo_sim.models import compiled
-from nermo_sim.run_table import Recorder, Recording
+from nermo_sim.run_table import Moved, Recorder, Recording
 from nermo_sim.twin import Twin
 from simgap.execution.executors import processors
 
@@ -42,8 +44,15 @@ THREE_FEET = (1.8, 2.3)
 """When the forces on three feet are averaged [s]: lifted, before the sweep."""
 LOADED = 0.03
 """Force from which the lifted foot counts as standing [N]: 1 % of the weight."""
+BRUSHES = 0.05
+"""Share of the time with the leg up in which its foot may touch, or the body be low."""
+SETTLED = 0.1
+"""[s] After the lift, before anything is judged."""
 TIPPED = math.radians(20.0)
 """Tilt beyond which the mouse has tipped over altogether."""
+TIPPED_SHARE = 0.5
+"""Of what the knee raises the foot: if the body comes down there by more, it has tipped towards the leg. Chosen: the
+twin that stands sinks by a tenth of it at most, one that has tipped rests on the foot."""
 THESIS_PASSED = {
     **{(leg, True): True for leg in LEGS},
     ("front_left", False): True,
@@ -78,6 +87,37 @@ def cases(quick: bool = False) -> list[Case]:
     return [Case(leg, compensation) for leg in LEGS for compensation in (False, True)]
 
 
+def servo_angles(
+    case: Case, robot: RobotParameters, parameters: GaitParameters, period_ns: int
+) -> Iterator[tuple[float, ...]]:
+    """Where the servos are in a lift [rad], in the order of the robot's, tick by tick of a period [ns]; see N 6.1.5."""
+    lifted = LEGS.index(case.leg)
+    spine, legs = SpineController(robot, parameters, period_ns), LegController(robot)
+    x, z = _neutral_feet(parameters)
+    flags = tuple(case.compensation and leg == lifted for leg in range(4))
+    modes = SpineModes(balance_compensation=True, offset_compensation=True)
+    command = MotionCommand(0, 0.0, 0.0, Posture.STAND, "", 0.0, spine_modes=modes)
+    hip, knee, bend = (
+        tuple(robot.servos).index(name) for name in (f"{case.leg}_hip", f"{case.leg}_knee", "spine_lateral")
+    )
+    for tick in range(round(END * 1e9 / period_ns)):
+        elapsed = tick * period_ns * 1e-9
+        servos = [servo.neutral for servo in robot.servos.values()]
+        target = spine.step(command, None, x, z, flags)  # type: ignore[arg-type]
+        # Without the rear legs' offsets, the bent hip's roll takes the load off the diagonal's neighbours.
+        legs.step(x, [height + offset for height, offset in zip(z, target.foot_offsets, strict=True)], servos, [])
+        servos[bend] = target.servo_position
+        servos[knee] -= KNEE_COMPRESSION[lifted] * smooth((elapsed - LIFT_AT) / LIFT_DURATION)
+        servos[hip] += SWEEP * _sweep(elapsed)
+        yield tuple(servos)
+
+
+def _neutral_feet(parameters: GaitParameters) -> tuple[list[float], list[float]]:
+    """X and z [m] of the feet in their leg planes, in the stand."""
+    strides = [parameters.stride(leg) for leg in range(4)]
+    return [one.neutral_stride_position for one in strides], [one.neutral_stance_height for one in strides]
+
+
 def lift(
     case: Case,
     robot: RobotParameters,
@@ -90,30 +130,13 @@ def lift(
     twin = twin or Twin(robot, model=copy.copy(model))
     if run is not None:
         run.begin()
-    parameters, lifted = settings.gait_parameters, LEGS.index(case.leg)
-    spine, legs = SpineController(robot, parameters, twin.period_ns), LegController(robot)
-    x = [parameters.stride(leg).neutral_stride_position for leg in range(4)]
-    z = [parameters.stride(leg).neutral_stance_height for leg in range(4)]
-    flags = tuple(case.compensation and leg == lifted for leg in range(4))
-    modes = SpineModes(balance_compensation=True, offset_compensation=True)
-    command = MotionCommand(0, 0.0, 0.0, Posture.STAND, "", 0.0, spine_modes=modes)
-    hip, knee, bend = (
-        tuple(robot.servos).index(name) for name in (f"{case.leg}_hip", f"{case.leg}_knee", "spine_lateral")
-    )
+    lifted, begin = LEGS.index(case.leg), twin.time_ns
     recorder = Recorder(twin, round(END * 1e9 / twin.period_ns))
-    neutral = [servo.neutral for servo in robot.servos.values()]
-    begin = twin.time_ns
-    while (elapsed := (twin.time_ns - begin) * 1e-9) < END - 1e-9:
+    for servos in servo_angles(case, robot, settings.gait_parameters, twin.period_ns):
         if run is not None:
             run.tick()
-        servos = list(neutral)
-        target = spine.step(command, None, x, z, flags)  # type: ignore[arg-type]
-        # Without the rear legs' offsets, the bent hip's roll takes the load off the diagonal's neighbours.
-        legs.step(x, [height + offset for height, offset in zip(z, target.foot_offsets, strict=True)], servos, [])
-        servos[bend] = target.servo_position
-        servos[knee] -= KNEE_COMPRESSION[lifted] * smooth((elapsed - LIFT_AT) / LIFT_DURATION)
-        servos[hip] += SWEEP * _sweep(elapsed)
-        recorder.add(twin.step(servos), MotionOutput(tuple(servos), _legs_up(twin.time_ns, lifted, elapsed)))
+        elapsed = (twin.time_ns - begin) * 1e-9
+        recorder.add(twin.step(servos), MotionOutput(servos, _legs_up(twin.time_ns, lifted, elapsed)))
     return recorder.recording()
 
 
@@ -136,11 +159,11 @@ def measure(recording: Recording, case: Case) -> Result:
     """Passed: from shortly after the lift on, the lifted foot carries nothing and the mouse does not tip over."""
     lifted = LEGS.index(case.leg)
     time, angles = recording.time, recording.roll_pitch_yaw
-    after = time >= LIFT_AT + LIFT_DURATION + 0.1
+    after = time >= LIFT_AT + LIFT_DURATION + SETTLED
     tilt = np.abs(angles[:, :2]).max(axis=1)
     # A foot that only brushes the ground carries no weight: a tenth of a second of load is needed.
     loaded = recording.foot_forces[after, lifted] > LOADED
-    stands = bool(loaded.mean() > 0.05)
+    stands = bool(loaded.mean() > BRUSHES)
     pitch = np.degrees(angles[:, 1])
     four, three = ((time >= a) & (time < b) for a, b in (FOUR_FEET, THREE_FEET))
     touched = time[after][loaded]
@@ -150,11 +173,63 @@ def measure(recording: Recording, case: Case) -> Result:
         "ground_impact_s": float(touched[0]) if stands else None,
         "foot_forces_n": rounded(recording.foot_forces[three].mean(axis=0)),
         "four_feet_forces_n": rounded(recording.foot_forces[four].mean(axis=0)),
-        "pitch_deg": float(pitch[three].mean() - pitch[four].mean()),
+        "pitch_deg": _pitch_change(recording),
         "pitch_four_feet_deg": float(pitch[four].mean()),
         "pitch_peak_deg": float(np.abs(pitch[time >= LIFT_AT] - pitch[four].mean()).max()),
-        "tilt_peak_deg": float(np.degrees(tilt.max())),
+        "tilt_peak_deg": _tilt_peak(recording),
     }
+
+
+def foot_raise(leg: str, robot: RobotParameters, parameters: GaitParameters) -> float:
+    """[m] by which the pulled knee raises a foot in its leg plane, from the stand and without the sweep."""
+    number = LEGS.index(leg)
+    x, z = _neutral_feet(parameters)
+    pair, of_pair = ("front", robot.front_leg) if number < 2 else ("rear", robot.rear_leg)
+    kinematics = leg_kinematics(of_pair, pair)  # type: ignore[arg-type]
+    hip, knee, _ = kinematics.inverse(x[number], z[number])
+    return kinematics.forward(hip, knee - KNEE_COMPRESSION[number])[1] - kinematics.forward(hip, knee)[1]
+
+
+def upright(moved: Moved, leg: str, robot: RobotParameters, parameters: GaitParameters) -> Result:
+    """Whether and how long the body stayed up, told by its pose alone: what a camera can judge of N 6.1.5.
+
+    The corner above the lifted leg must not come down on it: it has tipped once that hip is lower than on four feet by
+    more than `TIPPED_SHARE` of what the knee raises the foot, or the body tilts by `TIPPED`, for more than `BRUSHES` of
+    the time. `up_s` is the time [s] from the lift to there, or to the last row; `sunk_mm` how much lower that hip is on
+    three feet. None of what was not seen.
+    """
+    time, angles, mine = moved.time, moved.roll_pitch_yaw, np.array(robot.hip_positions[LEGS.index(leg)])
+    pitch, roll = angles[:, 1], angles[:, 0]
+    # The height of a point of the body, by the third row of the rotation that yaw, pitch and roll make.
+    up = np.column_stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
+    height = moved.position[:, 2] + up @ mine
+    four, three = ((time >= a) & (time < b) for a, b in (FOUR_FEET, THREE_FEET))
+    after = (time >= LIFT_AT + LIFT_DURATION + SETTLED) & (time < END)
+    if not (four.any() and three.any()):
+        return {"up_s": None, "sunk_mm": None, "pitch_deg": None, "tilt_peak_deg": _tilt_peak(moved), "tipped": None}
+    sunk = height[four].mean() - height[after]
+    low = sunk > TIPPED_SHARE * foot_raise(leg, robot, parameters)
+    low |= np.abs(angles[after, :2]).max(axis=1) >= TIPPED
+    tipped = bool(low.mean() > BRUSHES)
+    return {
+        "up_s": float(time[after][low][0] if tipped else time[after][-1]) - LIFT_AT,
+        "sunk_mm": 1e3 * float(height[four].mean() - height[three].mean()),
+        "pitch_deg": _pitch_change(moved),
+        "tilt_peak_deg": _tilt_peak(moved),
+        "tipped": tipped,
+    }
+
+
+def _pitch_change(moved: Moved) -> float:
+    """[deg] From four feet to three, before the sweep."""
+    four, three = ((moved.time >= a) & (moved.time < b) for a, b in (FOUR_FEET, THREE_FEET))
+    pitch = np.degrees(moved.roll_pitch_yaw[:, 1])
+    return float(pitch[three].mean() - pitch[four].mean())
+
+
+def _tilt_peak(moved: Moved) -> float:
+    """[deg] Of roll or pitch, in all of a lift."""
+    return float(np.degrees(np.abs(moved.roll_pitch_yaw[:, :2]).max()))
 
 
 def run(job: Job[Case]) -> Result:
@@ -163,7 +238,10 @@ def run(job: Job[Case]) -> Result:
     model = compiled(robot)
     twin = Twin(robot, model=model)
     recording = lift(job.case, robot, model, job.settings, DisturbedRun(twin, _gentle(job.settings), job.seed), twin)
-    result = measure(recording, job.case)
+    result = {
+        **upright(recording, job.case.leg, robot, job.settings.gait_parameters),
+        **measure(recording, job.case),
+    }
     if job.repeat == 0:
         rows = slice(None, None, SERIES_EVERY)
         result["series"] = {
@@ -301,9 +379,13 @@ EXPERIMENT = Experiment(
 
     Also finds the interval of the fore-aft COM over which the table comes out as the thesis's.
 
+    With --target the lifts are done on a mouse, with --film, then or later, it is told whether it tipped.
+
     \b
     nermo experiment balance
     nermo experiment balance --json balance.json
+    nermo experiment balance --target serial --port /dev/ttyUSB0 --calibration my_robot.yaml --out today
+    nermo experiment balance --film films --camera camera.yaml --out today
     """,
     columns=("leg", "compensation", "passed", "thesis_passed", "foot_forces_n", "pitch_deg"),
     cases=cases,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from nermo_control.path import Path, PathStatus
@@ -32,7 +32,8 @@ WAYPOINTS = (
 """Corners of the way through `scenes/maze.xml`, from the first place of the shoulder axis [m]."""
 CORNER_RADIUS = 0.2
 """[m], half the width of a corridor: two corners make a half circle. Only the spine alone cannot turn so tightly."""
-QUICK_WAYPOINTS = 4
+LANES, QUICK_LANES = 4, 2
+"""Of the maze, and of its part with --quick: two waypoints are one."""
 THESIS = {
     False: {"time_s": 85.7, "speed_m_s": 0.060, "pitch_sd_deg": 0.75, "roll_sd_deg": 3.09},
     True: {"time_s": 61.1, "speed_m_s": 0.082, "pitch_sd_deg": 1.25, "roll_sd_deg": 4.13},
@@ -47,11 +48,13 @@ class Case:
     """One row of the table: leg turning alone, or mix turning with stride extension and offset compensation."""
 
     spine: bool
+    lanes: int = LANES
+    """Of the maze, from its begin; `QUICK_LANES` of a quick run."""
 
     @property
     def key(self) -> str:
         """Name of the row."""
-        return f"maze, spine {'on' if self.spine else 'off'}"
+        return f"maze{'' if self.lanes == LANES else f' of {self.lanes} lanes'}, spine {'on' if self.spine else 'off'}"
 
 
 def cases(quick: bool = False) -> list[Case]:
@@ -59,10 +62,22 @@ def cases(quick: bool = False) -> list[Case]:
     return [Case(False), Case(True)]
 
 
-def maze_path(start: tuple[float, float, float], quick: bool = False) -> Path:
-    """The way through the maze; the mouse stands at the scene's origin, so only its first place is taken from it."""
-    points = WAYPOINTS[:QUICK_WAYPOINTS] if quick else WAYPOINTS
+def maze_path(start: tuple[float, float, float], lanes: int = LANES) -> Path:
+    """The way through some lanes; the mouse stands at the scene's origin, so only its first place is taken from it."""
+    points = WAYPOINTS[: 2 * lanes]
     return Path.polyline([(start[0] + x, start[1] + y) for x, y in points], CORNER_RADIUS)
+
+
+def command(case: Case, settings: Settings) -> ControlCommand:
+    """What the mouse is told all along: N's "constant forward velocity" (6.1.6), and how it turns."""
+    return ControlCommand(
+        0,
+        forward_velocity=full_speed(settings, GAIT, FREQUENCY),
+        gait=GAIT,
+        gait_frequency=FREQUENCY,
+        turning_strategy="mix" if case.spine else "leg",
+        spine_modes=SpineModes(stride_extension=case.spine, offset_compensation=case.spine),
+    )
 
 
 def run(job: Job[Case]) -> Result:
@@ -71,17 +86,9 @@ def run(job: Job[Case]) -> Result:
     loop, disturbed = standing_loop(job, SCENE)
     controller = loop.controller.high_level_controller
     speed = full_speed(settings, GAIT, FREQUENCY)
-    path = maze_path(controller.guide_pose(loop.twin.odometry()), settings.quick)
+    path = maze_path(controller.guide_pose(loop.twin.odometry()), QUICK_LANES if settings.quick else case.lanes)
     controller.follow(path)
-    command = ControlCommand(
-        0,
-        forward_velocity=speed,
-        trajectory_mode=TrajectoryMode.PATH,
-        gait=GAIT,
-        gait_frequency=FREQUENCY,
-        turning_strategy="mix" if case.spine else "leg",
-        spine_modes=SpineModes(stride_extension=case.spine, offset_compensation=case.spine),
-    )
+    told = constant(replace(command(case, settings), trajectory_mode=TrajectoryMode.PATH))
     farthest = 0.0
 
     def ended(twin: Twin[Any]) -> bool:
@@ -89,7 +96,7 @@ def run(job: Job[Case]) -> Result:
         farthest = max(farthest, abs(controller.cross_track))
         return twin.tilt() > FALLEN or controller.path_status not in (PathStatus.IDLE, PathStatus.FOLLOWING)
 
-    recording = loop.run(constant(command), 4.0 * path.length / speed, until=ended, before_tick=disturbed.tick)
+    recording = loop.run(told, 4.0 * path.length / speed, until=ended, before_tick=disturbed.tick)
     finished = controller.path_status is PathStatus.FINISHED
     duration = float(recording.time[-1])
     result: Result = {
@@ -141,9 +148,14 @@ EXPERIMENT = Experiment(
 
     Exit status 1 if the mouse did not come out.
 
+    With --target a mouse walks through a smaller one, steered by who stands beside it; with --film, then or later, it
+    is measured.
+
     \b
     nermo experiment maze
     nermo experiment maze --quick --json maze.json
+    nermo experiment maze --target serial --port /dev/ttyUSB0 --dead-man pad --out today
+    nermo experiment maze --film films --camera camera.yaml --out today
     """,
     columns=(
         *("spine", "time_s", "thesis_time_s", "speed_m_s", "thesis_speed_m_s", "pitch_sd_deg", "roll_sd_deg"),

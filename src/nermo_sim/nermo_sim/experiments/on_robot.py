@@ -1,9 +1,10 @@
-"""An experiment on the real mouse as N did it: what is walked, where the mouse is put, and what is measured of it."""
+"""An experiment on the real mouse as N did it: what is played, where the mouse is put, and what is measured of it."""
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Generic, Literal
@@ -11,7 +12,9 @@ from typing import Generic, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from nermo_control.driver import Steering
 from nermo_control.types import ControlCommand
+from nermo_description.parameters import RobotParameters
 from nermo_sim.experiments.experiment import Experiment, Repeats, Row
 from nermo_sim.experiments.runs import CaseType, Result, Settings
 
@@ -55,22 +58,48 @@ class Way:
         return np.asarray(off @ np.array([math.cos(heading), math.sin(heading)]), dtype=np.float64)
 
 
+@functools.cache
+def mouse_of(robot: str) -> RobotParameters:
+    """Parameters of the mouse of this name or file, read once. Raises ParameterError."""
+    return Settings(robot).mouse
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A run of which an operator says what the mouse is to do."""
+
+    command: ControlCommand
+    """For the whole of the run."""
+    steering: Steering | None = None
+    """How whoever stands beside the mouse steers it meanwhile; None where nobody does."""
+
+
+@dataclass(frozen=True, slots=True)
+class Posed:
+    """A run that says where the servos are, tick by tick."""
+
+    period: float
+    """[s] From one row to the next."""
+    rows: tuple[Mapping[str, float], ...]
+    """[rad] by servo."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnRobot(Generic[CaseType]):
     """How one experiment is done on the real mouse. To add one, write such a record and name it in `registry.py`."""
 
     experiment: Experiment[CaseType]
     """The same on the twin."""
-    distance: float
-    """[m] of a run, N's."""
+    distance: float | None = None
+    """[m] of a run, N's; None where the case says it, or nothing is walked."""
     cases: Callable[[bool], Sequence[CaseType]]
     """N's on the robot; fewer where the argument, `quick`, is true."""
     name: Callable[[CaseType], str]
     """Short, as a folder may be named."""
-    place: Callable[[CaseType, float], str]
-    """Where the mouse is to be put for a run over a distance [m], and how much room it needs."""
-    command: Callable[[CaseType, Settings], ControlCommand]
-    """What the operator says for the whole of a run."""
+    place: Callable[[CaseType, Settings], str]
+    """Where the mouse is to be put for a run, and how much room it needs."""
+    played: Callable[[CaseType, Settings], Said | Posed]
+    """What the mouse is told in a run."""
     seconds: Callable[[CaseType, Settings], float]
     """[s] After which a run ends by itself."""
     measure: Callable[[CaseType, Way, Settings], Result]

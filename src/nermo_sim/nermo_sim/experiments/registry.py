@@ -6,12 +6,14 @@ from typing import Any
 
 from nermo_sim.experiments import (
     balance,
+    balance_robot,
     compliance,
     coordination,
     footstep,
     gap_step,
     gaze,
     maze,
+    maze_robot,
     push,
     stability,
     straight_line,
@@ -42,6 +44,7 @@ EXPERIMENTS: dict[str, Experiment[Any]] = {
 }
 
 ON_ROBOT: dict[str, OnRobot[Any]] = {
-    module.ON_ROBOT.experiment.name: module.ON_ROBOT for module in (straight_line_robot, turning_robot)
+    module.ON_ROBOT.experiment.name: module.ON_ROBOT
+    for module in (straight_line_robot, turning_robot, balance_robot, maze_robot)
 }
 """Those that can be done on the real mouse too."""

@@ -12,7 +12,7 @@ from nermo_sim.experiments.claims.board import SPEEDS, Claims
 from nermo_sim.experiments.claims.walking import mean_of_all, robot, walk
 from nermo_sim.experiments.experiment import Row
 from nermo_sim.experiments.lookup import quotient
-from nermo_sim.experiments.on_robot import OnRobot, Way
+from nermo_sim.experiments.on_robot import OnRobot, Said, Way
 from nermo_sim.experiments.runs import Result, Settings, full_speed
 from nermo_sim.experiments.straight_line import EXPERIMENT, FREQUENCIES, STRIDE, THESIS_SPEEDS, Case, measure
 
@@ -45,21 +45,24 @@ def _name(case: Case) -> str:
     return f"{case.gait}_{case.frequency_hz:g}Hz_{'spine' if case.spine else 'no_spine'}"
 
 
-def _place(case: Case, distance: float) -> str:
+def _place(case: Case, settings: Settings) -> str:
+    distance = settings.distance
     return (
         f"put the mouse on the start line, nose across it, heading for the end line {distance:g} m ahead; "
         f"{ROOM * distance:.1f} m of rubber mat before it"
     )
 
 
-def _command(case: Case, settings: Settings) -> ControlCommand:
-    return ControlCommand(
-        0,
-        forward_velocity=full_speed(settings, case.gait, case.frequency_hz),
-        trajectory_mode=TrajectoryMode.STRAIGHT_LINE,
-        gait=case.gait,
-        gait_frequency=case.frequency_hz,
-        spine_modes=SpineModes(stride_extension=case.spine, offset_compensation=case.offset_compensation),
+def _played(case: Case, settings: Settings) -> Said:
+    return Said(
+        ControlCommand(
+            0,
+            forward_velocity=full_speed(settings, case.gait, case.frequency_hz),
+            trajectory_mode=TrajectoryMode.STRAIGHT_LINE,
+            gait=case.gait,
+            gait_frequency=case.frequency_hz,
+            spine_modes=SpineModes(stride_extension=case.spine, offset_compensation=case.offset_compensation),
+        )
     )
 
 
@@ -104,7 +107,7 @@ ON_ROBOT = OnRobot(
     cases=cases,
     name=_name,
     place=_place,
-    command=_command,
+    played=_played,
     seconds=_seconds,
     measure=_measure,
     measured=("speed_m_s", "roll_sd_deg", "pitch_sd_deg", "yaw_sd_deg"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -15,7 +14,7 @@ from nermo_description.parameters import RobotParameters
 from nermo_sim.experiments.claims.board import Claims
 from nermo_sim.experiments.claims.turning import robot
 from nermo_sim.experiments.experiment import Row
-from nermo_sim.experiments.on_robot import OnRobot, Way
+from nermo_sim.experiments.on_robot import OnRobot, Said, Way, mouse_of
 from nermo_sim.experiments.runs import FALLEN, Result, Settings, full_speed
 from nermo_sim.experiments.turning import (
     ARC_ANGLE,
@@ -42,23 +41,25 @@ def cases(quick: bool = False) -> list[Case]:
     return [Case("trot", 0.67, strategy, RADIUS) for strategy in STRATEGIES]
 
 
-def _place(case: Case, distance: float) -> str:
+def _place(case: Case, settings: Settings) -> str:
     return (
         f"put the mouse on the start line with its shoulders; the end line is a quarter of a circle on, to the left, "
         f"about a point {RADIUS:g} m left of its shoulders; a metre of rubber mat around"
     )
 
 
-def _command(case: Case, settings: Settings) -> ControlCommand:
+def _played(case: Case, settings: Settings) -> Said:
     """Led without sight: nothing tells the mouse where it is, so it is told the curvature."""
     speed = full_speed(settings, case.gait, case.frequency_hz)
-    return ControlCommand(
-        0,
-        forward_velocity=speed,
-        turn_rate=speed / RADIUS,
-        gait=case.gait,
-        gait_frequency=case.frequency_hz,
-        turning_strategy=case.strategy,
+    return Said(
+        ControlCommand(
+            0,
+            forward_velocity=speed,
+            turn_rate=speed / RADIUS,
+            gait=case.gait,
+            gait_frequency=case.frequency_hz,
+            turning_strategy=case.strategy,
+        )
     )
 
 
@@ -66,13 +67,8 @@ def _seconds(case: Case, settings: Settings) -> float:
     return ROOM * settings.distance / full_speed(settings, case.gait, case.frequency_hz)
 
 
-@functools.cache
-def _mouse(name: str) -> RobotParameters:
-    return Settings(name).mouse
-
-
 def _measure(case: Case, way: Way, settings: Settings) -> Result:
-    return arc(way, case.frequency_hz, settings.distance / RADIUS, _mouse(settings.robot))
+    return arc(way, case.frequency_hz, settings.distance / RADIUS, mouse_of(settings.robot))
 
 
 def arc(way: Way, frequency: float, angle: float, mouse: RobotParameters) -> Result:
@@ -119,9 +115,10 @@ def _claims(rows: Sequence[Row]) -> list[Row]:
 
 
 def _picture(rows: Sequence[Row], path: Path) -> None:
-    from nermo_sim.plots import plot_turning_on_robot
+    from nermo_sim.plots import plot_bars_on_robot
 
-    plot_turning_on_robot(rows, path)
+    labels = [row["strategy"] for row in rows]
+    plot_bars_on_robot(rows, path, "time_s", "time [s]", labels, f"Arc of {RADIUS:g} m")
 
 
 ON_ROBOT = OnRobot(
@@ -130,7 +127,7 @@ ON_ROBOT = OnRobot(
     cases=cases,
     name=lambda case: f"{case.gait}_{case.frequency_hz:g}Hz_{case.strategy}",
     place=_place,
-    command=_command,
+    played=_played,
     seconds=_seconds,
     measure=_measure,
     measured=("time_s", "radius_m", "cross_track_m"),
