@@ -155,7 +155,7 @@ def test_it_begins_limp_and_only_a_release_gives_power() -> None:
 def test_a_release_leaves_what_still_holds() -> None:
     walk = Walk().released()
     change(walk, Cause.FALLEN)
-    walk.run(0.5)
+    walk.run(2.0 * RULE_OF[Cause.FALLEN].after)
     assert "fallen (tilted by 1.50 rad)" in walk.supervisor.release(walk.now)
     assert walk.run(0.1).state is State.LIMP
 
