@@ -156,7 +156,7 @@ def plot_bars_on_robot(
     rows: Sequence[dict[str, Any]], path: Path, quantity: str, label: str, names: Sequence[str], title: str
 ) -> None:
     """A quantity by row of a real mouse (both uncertainties), its twin, and N's two where N prints them."""
-    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
+    figure = Figure(figsize=(max(7.0, 1.3 * len(rows)), 4.5), layout="constrained")
     axes = figure.subplots()
     whom = {"": "robot", "twin_": "its twin", "thesis_robot_": "the thesis's robot", "thesis_twin_": "its twin, N"}
     there = {whose: who for whose, who in whom.items() if f"{whose}{quantity}" in rows[0]}
@@ -168,5 +168,5 @@ def plot_bars_on_robot(
         axes.bar(where, [row[f"{whose}{quantity}"] for _, row in known], 0.18, yerr=wide, label=who, capsize=3)
     axes.set_xticks(range(len(rows)), names)
     axes.set(ylabel=label, title=title)
-    axes.legend()
+    figure.legend(loc="outside lower center", ncols=len(there))  # bars may reach anywhere
     figure.savefig(path, dpi=120)

@@ -65,7 +65,7 @@ def _claims(rows: Sequence[Row]) -> list[Row]:
 def _picture(rows: Sequence[Row], path: Path) -> None:
     from nermo_sim.plots import plot_bars_on_robot
 
-    labels = [f"{row['leg'].replace('_', ' ')}\ncompensation {'on' if row['compensation'] else 'off'}" for row in rows]
+    labels = [f"{row['leg'].replace('_', ' ')}\n{'compensated' if row['compensation'] else 'alone'}" for row in rows]
     plot_bars_on_robot(rows, path, "up_s", "time until it tips, or the test ends [s]", labels, "Balance")
 
 
