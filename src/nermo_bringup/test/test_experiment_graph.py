@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
+import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from typer.testing import CliRunner
 
 from nermo_bringup.experiment.cli import experiment_app
 from nermo_bringup.experiment.measure import seen_in
-from nermo_sim.experiments import balance, maze
 from nermo_sim.experiments.registry import ON_ROBOT
 from nermo_track.bench.command import PLACES
 from nermo_track.bench.studio import Studio, look_at, save_film, shoot
@@ -26,14 +24,25 @@ from nermo_track.layout import load_layout
 
 pytestmark = pytest.mark.timeout(600)  # a whole graph
 
-ONE_CASE = """
+
+def only(name: str, case: str) -> str:
+    """Program text after which an experiment has one case."""
+    return f"""
 import dataclasses, sys
-from nermo_sim.experiments import registry, straight_line_robot as line
-one = dataclasses.replace(line.ON_ROBOT, cases=lambda quick: line.cases(True)[:1])
-registry.ON_ROBOT["straight-line"] = one
+from nermo_sim.experiments import balance, maze, registry, straight_line_robot as line
+one = dataclasses.replace(registry.ON_ROBOT[{name!r}], cases=lambda quick: [{case}])
+registry.ON_ROBOT[{name!r}] = one
 """
-RUN = f"{ONE_CASE}\nfrom nermo_bringup.cli import main\nsys.argv[0] = 'nermo'\nmain()"
-WORDS = [sys.executable, "-c", RUN, "experiment", "straight-line", "--target"]
+
+
+def command(of_one_case: str, *words: str) -> list[str]:
+    """`nermo experiment WORDS` with `only` one case, as a process."""
+    program = f"{of_one_case}\nfrom nermo_bringup.cli import main\nsys.argv[0] = 'nermo'\nmain()"
+    return [sys.executable, "-c", program, "experiment", *words]
+
+
+ONE_CASE = only("straight-line", "line.cases(True)[0]")
+WORDS = command(ONE_CASE, "straight-line", "--target")
 FPS = 15.0
 
 
@@ -122,14 +131,11 @@ def test_who_stands_beside_a_real_mouse_is_told_what_to_film_and_may_leave(tmp_p
     assert [path.name for path in (tmp_path / "out" / "straight-line" / "robot").iterdir()] == ["experiment.yaml"]
 
 
-def played_alone(case: Any, name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict:
+def played_alone(case: str, name: str, folder: Path) -> dict:
     """What is found of one run of one case on the twin in the graph, beside which nobody stands."""
-    one = dataclasses.replace(ON_ROBOT[name], cases=lambda quick: [case])
-    monkeypatch.setitem(ON_ROBOT, name, one)
-    monkeypatch.chdir(folder)
-    words = [name, "--target", "sim", "--yes", "--quick", "--repeats", "1", "--out", "out", "--json", "out.json"]
-    told = CliRunner().invoke(experiment_app, words)
-    assert told.exit_code == 0, told.output
+    words = ["--target", "sim", "--yes", "--quick", "--repeats", "1", "--out", "out", "--json", "out.json"]
+    told = subprocess.run(command(only(name, case), name, *words), cwd=folder, capture_output=True, text=True)
+    assert told.returncode == 0, told.stdout + told.stderr
     facts = json.loads((folder / "out.json").read_text())
     assert (folder / "out" / name / "robot" / f"{name}.png").stat().st_size > 0
     (row,), (measured,) = facts["rows"], facts["runs"]
@@ -137,9 +143,9 @@ def played_alone(case: Any, name: str, folder: Path, monkeypatch: pytest.MonkeyP
     return facts
 
 
-def test_a_leg_is_lifted_and_the_body_is_seen_to_tip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_leg_is_lifted_and_the_body_is_seen_to_tip(tmp_path: Path) -> None:
     """The rear left one without compensation: N's robot and both twins fall on it."""
-    facts = played_alone(balance.Case("rear_left", False), "balance", tmp_path, monkeypatch)
+    facts = played_alone("balance.Case('rear_left', False)", "balance", tmp_path)
     (row,) = facts["rows"]
     assert row["passed"] is row["twin_passed"] is row["thesis_robot_passed"] is False
     # In the graph the servos are told a little later than in process.
@@ -148,9 +154,9 @@ def test_a_leg_is_lifted_and_the_body_is_seen_to_tip(tmp_path: Path, monkeypatch
 
 
 @pytest.mark.slow
-def test_a_maze_is_steered_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_maze_is_steered_to_its_end(tmp_path: Path) -> None:
     """By the stand-in, which says what a stick says: the mouse itself is told no path."""
-    facts = played_alone(maze.Case(True, maze.QUICK_LANES), "maze", tmp_path, monkeypatch)
+    facts = played_alone("maze.Case(True, maze.QUICK_LANES)", "maze", tmp_path)
     (row,) = facts["rows"]
     assert row["finished"] and row["cross_track_m"] < 0.1
     assert row["time_s"] == pytest.approx(row["twin_time_s"], rel=0.25)
