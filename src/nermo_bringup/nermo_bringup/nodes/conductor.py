@@ -51,11 +51,14 @@ class ConductorNode(Node):
         self.stopped = False
         """Whether somebody has said emergency stop since this node began."""
         self.truth: Odometry | None = None
-        """Where an emulated mouse was last; None of one that nobody sees."""
+        """Where an emulated mouse was last, once `see_truth` was asked for; None of one that nobody sees."""
         self.create_subscription(Bool, TOPIC, self._on_stop, qos.STATE)
-        inputs = Inputs(self, refused.add_one)
-        inputs.subscribe(ServoCommand, "servo_command", self._on_servo_command, qos.BEST_EFFORT)
-        inputs.subscribe(OdometryMessage, "truth/odom", self._on_truth, qos.BEST_EFFORT)
+        self._inputs = Inputs(self, refused.add_one)
+        self._inputs.subscribe(ServoCommand, "servo_command", self._on_servo_command, qos.BEST_EFFORT)
+
+    def see_truth(self) -> None:
+        """Take where an emulated mouse is, from now on: a message in each tick, which only who steers it needs."""
+        self._inputs.subscribe(OdometryMessage, "truth/odom", self._on_truth, qos.BEST_EFFORT)
 
     def _on_stop(self, message: Bool) -> None:
         self.stopped |= message.data

@@ -271,6 +271,7 @@ class Session:
         """Who steers an emulated mouse where nobody else does."""
         if not (segment.steered and self._request.on_twin and self._request.watched_by == "none"):
             return None
+        node.see_truth()
         pilot = Pilot(self._request.robot)
         return lambda: pilot.steer(conductor.piece, node.truth)
 
