@@ -113,6 +113,8 @@ def _taken(film: Film, say: Callable[[float], None]) -> list[Picture]:
     for number, (_, picture) in enumerate(film.pictures()):
         if number % every == 0:
             taken.append(picture)
+            if len(taken) >= 2 * LOOKED_AT:  # a file may not tell how many there are
+                taken, every = taken[::2], 2 * every
             say(min(number / max(film.count, 1), 1.0))
     return taken
 
