@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 import struct
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -319,3 +320,34 @@ def test_a_long_sleep_of_the_machine_is_skipped_and_told(host):
     host.device.advance(10_000 * MS)
     assert host.device.time >= 9_999 * MS
     assert host.device.skipped == pytest.approx(9_950 * MS, abs=2 * MS)
+
+
+def test_who_serves_in_real_time_hears_the_line_while_time_is_caught_up(host):
+    host.release()
+    host.walk(10)
+    host.device.trace, host.device.largest_catch_up = True, 3 * MS
+    begin = host.now
+    for caught_up in (3, 6, 9):
+        host.device.advance(begin + 40 * MS)
+        assert host.device.time == begin + caught_up * MS
+    host.now += 40 * MS
+    for _ in range(20):
+        (*answers, _) = host.exchange(NEUTRAL)
+        assert all(boards.ServoAnswer.decode(answer.payload).faults & 0xFF == 0 for answer in answers)
+    assert host.device.skipped == 0
+    assert [point.time for point in host.device.points] == [begin + (40 + 5 * cycle) * MS for cycle in range(20)]
+
+
+def test_a_board_that_is_asked_on_a_slow_bus_runs_no_loop_twice(monkeypatch):
+    """The last board of a transfer is asked up to two loops after the first."""
+    host = Host(baud=boards.BUS_BAUD // 4)
+    loops: Counter[tuple[int, int]] = Counter()
+    for board in host.device.servo_boards:
+        real = board.interpolator.step
+        monkeypatch.setattr(
+            board.interpolator, "step", lambda real=real, who=board.address: (loops.update([who]), real())[1]
+        )
+    host.now = round(0.9 * MS)
+    host.walk(200)
+    assert all(count <= host.now / MS + 3 for count in loops.values()), loops
+    assert min(loops.values()) >= host.now / MS - 3

@@ -171,7 +171,7 @@ class ServoBoard(Board):
         due = local // LOOP_PERIOD_NS
         for _ in range(min(due - self._loops, 1000)):
             self.set_points = self.interpolator.step()
-        self._loops = due
+        self._loops = max(self._loops, due)
         if self.energised and local - self._last_exchange > self.registers.number("watchdog") * 1_000_000:
             self.faults |= Fault.WATCHDOG
             self._power(0)

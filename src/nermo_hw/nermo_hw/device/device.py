@@ -34,7 +34,7 @@ WATCH_EVERY = 10
 LARGEST_PAUSE_NS = 2_000_000
 """Within a packet."""
 LARGEST_DEBT_NS = 50_000_000
-"""Time that is caught up; more is skipped, so that on a machine that is too slow answers still come in time."""
+"""Time that is caught up; more is skipped."""
 
 
 class DeviceSettings(BaseModel):
@@ -122,6 +122,10 @@ class Device(ABC):
         self.points: list[Point] = []
         """Taken since this list was last emptied, if `trace` is on."""
         self.trace = False
+        self.largest_catch_up: int | None = None
+        """The most that one call of `advance` catches up [ns]; None: all. Who serves in real time sets it, so that
+        requests are heard in between, by boards whose time is behind, and answered in time by a slow machine too."""
+        self._behind = 0
         self.skipped = 0
         """Time that was not caught up [ns]."""
 
@@ -174,15 +178,21 @@ class Device(ABC):
     # Time
 
     def advance(self, now: int) -> None:
-        """Brings plant, boards and battery to a true time [ns]."""
+        """Brings plant, boards and battery to a true time [ns], or `largest_catch_up` towards it."""
         behind = now - self.time
         if behind > LARGEST_DEBT_NS:
             skip = (behind - LARGEST_DEBT_NS) // STEP_NS * STEP_NS
             self.skipped += skip
             self.time += skip
-        while self.time + STEP_NS <= now:
+        until = now if self.largest_catch_up is None else min(now, self.time + self.largest_catch_up)
+        while self.time + STEP_NS <= until:
             self.time += STEP_NS
             self._step()
+        self._behind = (now - self.time) // STEP_NS * STEP_NS
+
+    def _board_time(self, now: int) -> int:
+        """A true time as the boards have it, who are behind while there is time to catch up [ns]."""
+        return now - self._behind
 
     def _ppm(self) -> float:
         """How much too fast a board's clock runs."""

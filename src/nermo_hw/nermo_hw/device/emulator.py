@@ -22,6 +22,8 @@ from nermo_hw.types import LineError
 
 IDLE_NS = 5_000_000
 """The longest sleep: loops and watchdogs go on while nobody talks."""
+CATCH_UP_NS = 1_000_000
+"""What is caught up between two looks at the line: whoever waits on a busy machine is answered first."""
 LARGEST_READ = 4096
 LARGEST_REQUEST = 65_536
 """Bytes of one request on the control socket."""
@@ -46,6 +48,7 @@ class Emulator:
         store: Path | None = None,
     ) -> None:
         self.device = device
+        device.largest_catch_up = CATCH_UP_NS
         self._store, self._stored = store, device.stored()
         self._link, self._control_path = link, control
         self._running = True
@@ -131,10 +134,12 @@ class Emulator:
             write_yaml(stored, self._store)
 
     def _wait(self) -> list[Any]:
-        """Sleeps until something comes, is due, or for `IDLE_NS`."""
+        """Sleeps until something comes, is due, or for `IDLE_NS`; not at all while there is time to catch up."""
         now = time.monotonic_ns()
         due = self.device.next_output()
         until = now + IDLE_NS if due is None else min(due, now + IDLE_NS)
+        if now - self.device.time >= CATCH_UP_NS:
+            until = now
         ends: list[Any] = [self._wake_read, *self._control_clients]
         ends += [end for end in (self._listener, self._client, self._control) if end is not None]
         if self._master >= 0:

@@ -74,9 +74,9 @@ class PwmBoard(Device):
     def _serve(self, now: int) -> None:
         while self._inbox and self._inbox[0][0] <= now:
             raw = heapq.heappop(self._inbox)[2]
-            if now < self._deaf_until:
+            if self._board_time(now) < self._deaf_until:
                 continue
-            self._last = self._firmware.receive(raw, self._local(now))
+            self._last = self._firmware.receive(raw, self._local(self._board_time(now)))
             at = now + round(len(raw) * BITS_PER_BYTE * 1e9 / self._baud)
             answers = self._answer_parser.feed(self._last.line)
             for answer in answers:

@@ -203,12 +203,12 @@ class ServoBoards(Device):
         targets = np.full(len(self._names), np.nan)
         while self._inbox and self._inbox[0][0] <= now:
             raw = heapq.heappop(self._inbox)[2]
-            if not self.controller.hears(now):
+            if not self.controller.hears(self._board_time(now)):
                 continue
             # A packet comes whole or never: what does not parse at once is damaged.
             for packet in [*self._bus_parser.feed(raw), *self._bus_parser.flush()]:
                 on_bus += round((OVERHEAD + len(packet.payload)) * byte_ns)
-                answer = self._answer(packet, on_bus, targets)
+                answer = self._answer(packet, self._board_time(on_bus), targets)
                 if packet.address != BUS_CONTROLLER:
                     wait = boards.SLAVE_TIMEOUT if answer.code == Status.NO_ANSWER else boards.REPLY_DELAY
                     on_bus += round(wait * 1e9)
