@@ -14,6 +14,7 @@ from nermo_bringup.demo.evaluation import (
     SpineTurn,
     Track,
     Walk,
+    begun,
     complaints,
     judge_balance,
     judge_turn,
@@ -146,6 +147,15 @@ def test_a_lift_passes_if_the_foot_is_free_and_the_mouse_stays_up(load: float, t
     assert balance.foot_forces_n == pytest.approx((0.66, 0.66, load, 0.66))
     with pytest.raises(RecordingError, match="no foot forces between 2\\.4 s and 5\\.0 s"):
         judge_balance(standing, Scene("balance", 1.0, 5.0), (time[:100], force[:100]), "rear_left")
+
+
+def test_a_lift_is_judged_from_its_command_on_however_late_the_player_was() -> None:
+    planned, time = Scene("balance", 1.0, 5.0), np.arange(0.0, 8.0, 0.1)
+    posture = np.where((time > 1.55) & (time < 5.2), Posture.LIFT_REAR_LEFT, Posture.STAND)
+    assert begun(planned, time, posture, Posture.LIFT_REAR_LEFT) == replace(planned, begin=pytest.approx(1.6))
+    assert begun(planned, time - 0.7, posture, Posture.LIFT_REAR_LEFT) == planned
+    with pytest.raises(RecordingError, match=r"no command to lift_rear_left is recorded before 5\.0 s"):
+        begun(planned, time + 4.0, posture, Posture.LIFT_REAR_LEFT)
 
 
 def good_walks() -> list[Walk]:

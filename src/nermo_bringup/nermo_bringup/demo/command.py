@@ -24,6 +24,7 @@ from nermo_bringup.launch.running_graph import running_graph
 from nermo_bringup.recording.errors import RecordingError
 from nermo_bringup.recording.taps import dated_directory
 from nermo_control.gait.knowledge_base import GaitParameters
+from nermo_control.types import Posture
 from nermo_description.parameters import RobotParameters
 from nermo_description.results import CommandError, write_results
 from nermo_description.robots import load_robot
@@ -175,7 +176,9 @@ def _judge(recording: Recording, plan: Plan, gaits: GaitParameters) -> tuple[Out
         elif scene.kind == "turn_spine":
             spine_turn = evaluation.judge_spine_turn(track, scene, spine)
         elif scene.kind == "balance":
-            balance = evaluation.judge_balance(track, scene, forces, LIFTED)
+            wanted = Posture[f"LIFT_{LIFTED}".upper()]
+            lift = evaluation.begun(scene, *evaluation.read_postures(recording, start), wanted)
+            balance = evaluation.judge_balance(track, lift, forces, LIFTED)
         elif scene.kind == "sit":
             nose_lift = evaluation.sitting_pitch(track, scene)
     no_slip = {name: min(gaits.fastest(name, plan.gait_frequency), WALK_SPEED_M_S) for name in gaits.gaits}

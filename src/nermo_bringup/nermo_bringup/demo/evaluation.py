@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,6 +242,20 @@ def judge_spine_turn(track: Track, scene: Scene, spine: tuple[Array, Array]) -> 
     return SpineTurn("mix", turn.duration_s, turn.turned_deg, turn.radius_m, bend, turn.fell)
 
 
+def begun(scene: Scene, time: Array, posture: NDArray[np.int64], wanted: Posture) -> Scene:
+    """The scene from the command for it on, not from when it was planned: on a busy machine the player is late.
+
+    time: (n,) [s] since the demo's start, posture: (n,), of the commands that were recorded.
+
+    Raises:
+        RecordingError: there is no such command before the scene was to end.
+    """
+    said = time[(posture == wanted) & (time < scene.end)]
+    if len(said) == 0:
+        raise RecordingError(f"no command to {wanted.name.lower()} is recorded before {scene.end:.1f} s")
+    return replace(scene, begin=max(scene.begin, float(said.min())))
+
+
 def judge_balance(track: Track, scene: Scene, forces: tuple[Array, Array], leg: str) -> Balance:
     """From shortly after the lift on. `forces`: times (n,) [s] and vertical forces (n, 4) [N] on the feet."""
     up = scene.begin + SHIFT_DURATION + LIFT_DURATION + 0.1
@@ -268,6 +282,13 @@ def read_spine(recording: Recording, start: int) -> tuple[Array, Array]:
     topic = recording.topic_ending("servo_states")
     data = recording.read([topic])[topic]
     return np.asarray((data.stamp - start) * 1e-9, dtype=np.float64), data.by_name("position", ["spine_lateral"])[:, 0]
+
+
+def read_postures(recording: Recording, start: int) -> tuple[Array, NDArray[np.int64]]:
+    """Times (n,) [s] since the demo's start and postures (n,) of the commands."""
+    topic = recording.topic_ending("control_command")
+    data = recording.read([topic])[topic]
+    return np.asarray((data.stamp - start) * 1e-9, dtype=np.float64), np.asarray(data["posture"], dtype=np.int64)
 
 
 def read_foot_forces(recording: Recording, start: int) -> tuple[Array, Array]:
