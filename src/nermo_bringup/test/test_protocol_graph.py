@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
 from std_msgs.msg import Bool
 from terminal import Terminal, left_running
 
 from nermo_bringup.launch.runner import lead_own_life
+from nermo_bringup.nodes.conductor import in_graph
 from nermo_description.robots import load_robot
 from nermo_description.stand import Stand
 from nermo_gap.protocol.play import Body
@@ -145,6 +147,22 @@ def test_an_emergency_stop_ends_the_recording(graph, tmp_path: Path) -> None:
     assert process.returncode == 1
     assert "emergency stop: the recording ends here" in log.read_text()
     assert not (tmp_path / "out" / "2_standing").exists()
+
+
+@pytest.mark.parametrize("nonsense", ["nan", "inf", "-1", "much", ""])
+def test_what_an_emulated_device_left_out_is_heard(graph, nonsense: str) -> None:
+    values = [KeyValue(key="skipped_s", value=said) for said in ("3.50", nonsense)]
+    status = DiagnosticStatus(name="device_emulator: device", values=[KeyValue(key="voltage_v", value="7.4"), *values])
+    told = graph.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    with in_graph("nermo", sim_time=False) as node:
+
+        def heard() -> bool:
+            told.publish(DiagnosticArray(status=[status]))
+            node.serve(0.02)
+            return node.skipped > 0.0
+
+        graph.until(heard, "it is heard", 60.0)
+        assert node.skipped == 3.5
 
 
 def test_two_graphs_do_not_disturb_each_other(graph, tmp_path: Path) -> None:

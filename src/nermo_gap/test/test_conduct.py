@@ -14,7 +14,7 @@ from nermo_description.robots import load_robot
 from nermo_description.stand import Stand
 from nermo_gap.protocol.conduct import BROKEN_AFTER, LEAD, Conductor, asked
 from nermo_gap.protocol.play import script_of
-from nermo_gap.protocol.scene import SceneFile
+from nermo_gap.protocol.scene import PieceRow, SceneFile
 from nermo_gap.protocol.types import REST, Piece, Protocol, Segment, Wave
 
 ROBOT = load_robot("nermo_lite")
@@ -146,6 +146,15 @@ def test_the_scene_says_when_each_piece_was_played() -> None:
     assert trot.begin == pytest.approx(SQUAT.seconds + 1.1 + LEAD, abs=0.011)
     at = scene.pieces_at(np.array([-1.0, REST, squat.end + 0.5, trot.begin + 0.1, trot.end]))
     np.testing.assert_array_equal(at, [np.nan, 0.0, np.nan, 1.0, np.nan])
+
+
+@pytest.mark.parametrize(("skipped", "said"), [(0.0, ""), (0.01, ""), (1.2, "which left out 1.2 of 9.0 s")])
+def test_an_emulated_mouse_in_slow_motion_is_said(skipped: float, said: str) -> None:
+    pieces = (PieceRow(name="trot", begin=0.0, end=9.0),)
+    whole = {"protocol": "short", "segment": "walk", "robot": "nermo_lite", "scene": "floor", "pieces": pieces}
+    told = SceneFile.model_validate({**whole, "skipped": skipped}).slow_motion
+    assert said in told and bool(said) is bool(told)
+    assert SceneFile.model_validate(whole).slow_motion == "", "recordings from before say nothing of it"
 
 
 def test_who_steers_turns_a_piece_that_is_steered_and_no_other() -> None:

@@ -76,6 +76,8 @@ def _measure(plan: Plan, there: dict[Run, SceneFile]) -> dict[Run, Measured]:
         except RecordingError as error:
             _warn(f"run {run.film}: {error}")
             continue
+        if scene.slow_motion:
+            _warn(f"run {run.film}: {scene.slow_motion}")
         if found[run].gap > LONGEST_GAP:
             _warn(f"run {run.film}: the mouse was not seen for {found[run].gap:.1f} s of its walk")
         if not found[run].result.get("reached", True):
@@ -121,7 +123,7 @@ def _report(plan: Plan, request: RobotRequest, there: dict[Run, SceneFile], meas
     on_robot.picture(rows, picture)
     console.print(f"picture: {picture}")
     if request.json is not None:
-        each = [_of_run(run, found) for run, found in measured.items()]
+        each = [_of_run(run, there[run], found) for run, found in measured.items()]
         facts = {"about": about.model_dump(), "rows": rows, "runs": each, "claims": claims, "picture": picture}
         write_results(request.json, f"{about.experiment}-robot", facts, robot=about.robot, seed=about.seed)
 
@@ -173,9 +175,10 @@ def _columns(plan: Plan, rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def _of_run(run: Run, found: Measured) -> Row:
+def _of_run(run: Run, scene: SceneFile, found: Measured) -> Row:
     tracker = {f"tracker_{name}": value for name, value in found.tracker.items()}
-    return {"run": run.name, "seen_by": found.topic, "longest_gap_s": found.gap, **found.result, **tracker}
+    seen = {"seen_by": found.topic, "longest_gap_s": found.gap, "skipped_s": scene.skipped or 0.0}
+    return {"run": run.name, **seen, **found.result, **tracker}
 
 
 def _warn(text: str) -> None:

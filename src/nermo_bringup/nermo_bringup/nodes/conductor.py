@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry as OdometryMessage
 from rclpy.executors import Executor
 from rclpy.node import Node
@@ -36,7 +38,7 @@ EARLY_S = 2e-4
 
 
 class ConductorNode(Node):
-    """The clock, the outlet, who asks for the servos' release, and where an emulated mouse is; its owner spins it."""
+    """The clock, the outlet, who asks for the servos' release, and what an emulated mouse tells; its owner spins it."""
 
     def __init__(self, namespace: str, sim_time: bool, executor: Executor) -> None:
         given = [Parameter(USE_SIM_TIME, value=sim_time)]
@@ -52,7 +54,10 @@ class ConductorNode(Node):
         """Whether somebody has said emergency stop since this node began."""
         self.truth: Odometry | None = None
         """Where an emulated mouse was last, once `see_truth` was asked for; None of one that nobody sees."""
+        self.skipped = 0.0
+        """[s] that an emulated device has left out so far, as it says once a second: its machine was too slow."""
         self.create_subscription(Bool, TOPIC, self._on_stop, qos.STATE)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         self._inputs = Inputs(self, refused.add_one)
         self._inputs.subscribe(ServoCommand, "servo_command", self._on_servo_command, qos.BEST_EFFORT)
 
@@ -62,6 +67,13 @@ class ConductorNode(Node):
 
     def _on_stop(self, message: Bool) -> None:
         self.stopped |= message.data
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        said = (pair.value for status in message.status for pair in status.values if pair.key == "skipped_s")
+        for value in said:
+            with suppress(ValueError):
+                if math.isfinite(skipped := float(value)):
+                    self.skipped = max(self.skipped, skipped)
 
     def _on_servo_command(self, message: ServoCommand) -> None:
         self.commanded = to_nanoseconds(message.header.stamp)

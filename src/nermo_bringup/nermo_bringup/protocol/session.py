@@ -159,6 +159,7 @@ class Session:
             "record": str(bag),
         }
         played: list[Played] = []
+        skipped = 0.0
         try:
             with (
                 self._watched(segment) as held,
@@ -172,16 +173,22 @@ class Session:
                     played = conductor.played
                     if ready:
                         self.tell(ready)
-                    with self._progress(segment) as advance:
-                        held = self._pilot(segment, conductor, node) or held
-                        self._play(segment, conductor, node, graph, held, advance, log)
+                    before = node.skipped
+                    try:
+                        with self._progress(segment) as advance:
+                            held = self._pilot(segment, conductor, node) or held
+                            self._play(segment, conductor, node, graph, held, advance, log)
+                    finally:
+                        skipped = node.skipped - before
                     return conductor.broken
         finally:
             # Also of a segment that was not played to its end.
             if played:
                 scene = SceneFile.of(
-                    request.protocol, segment, request.robot.name, Stand(), np.asarray(self._rest), played
+                    request.protocol, segment, request.robot.name, Stand(), np.asarray(self._rest), played, skipped
                 )
+                if scene.slow_motion:
+                    self.tell(f"warning: {scene.slow_motion}")
                 write_yaml(scene.model_dump(mode="json", exclude_none=True), folder / SCENE_FILE)
 
     def _refuse_another_graph(self, node: ConductorNode, arguments: Mapping[str, str]) -> None:

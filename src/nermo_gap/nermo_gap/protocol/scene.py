@@ -19,6 +19,8 @@ from simgap.data.setup import Setup
 Array = NDArray[np.float64]
 
 SCENE_FILE, TABLE_FILE, BAG_FOLDER = "scene.yaml", "recording.npz", "recording"
+MUCH_SKIPPED = 0.02
+"""Share of its time that an emulated device may leave out before it is said: its speeds are off by about as much."""
 
 
 def setup_of(stand: Stand, rest: Array) -> Setup:
@@ -68,6 +70,8 @@ class SceneFile(BaseModel):
     stand: StandRow | None = None
     begun: int | None = None
     """[ns] Stamp of the first command, of a recording of the graph; other tables count from it themselves."""
+    skipped: float | None = None
+    """[s] that an emulated device left out meanwhile because its machine was too slow."""
     pieces: tuple[PieceRow, ...]
 
     @classmethod
@@ -79,6 +83,7 @@ class SceneFile(BaseModel):
         stand: Stand,
         rest: Array,
         played: Sequence[Played] | None = None,
+        skipped: float = 0.0,
     ) -> SceneFile:
         """Of a segment: all of its pieces one after the other, or those that were ``played``, when they were."""
         begun = None if played is None else played[0].begin
@@ -103,7 +108,19 @@ class SceneFile(BaseModel):
             scene=segment.scene,
             stand=row,
             begun=begun,
+            skipped=skipped or None,
             pieces=pieces,
+        )
+
+    @property
+    def slow_motion(self) -> str:
+        """What to say of an emulated mouse that moved in slow motion; nothing of any other."""
+        lasted = self.pieces[-1].end
+        if (self.skipped or 0.0) <= MUCH_SKIPPED * lasted:
+            return ""
+        return (
+            f"this machine was too slow for the emulated device, which left out {self.skipped:.1f} of {lasted:.1f} s: "
+            "the mouse moved in slow motion, and its speeds are no measurement (--target sim waits instead)"
         )
 
     def pieces_at(self, time: Array) -> Array:

@@ -209,6 +209,9 @@ def diagnose_recordings(
         reference=read_well.tables,
         stands=[*read_now.stands, *read_well.stands],
     )
+    told = {path: scene.slow_motion for path, scene in zip(every, scenes, strict=True) if scene}
+    slow = [f"{path}: {sentence}" for path, sentence in told.items() if sentence]
+    found.report["warnings"] = [*slow, *found.report["warnings"]]
     found.report["robot_file"] = robot or parameters.name
     return found
 
