@@ -81,6 +81,9 @@ class Twin(Generic[RobotType]):
         self.robot = robot
         self.model = build_model(robot, scene) if model is None else model
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a NaN must be seen, not papered over
+        if self.model.ntree == 1:
+            # All of it is one island; looking for more costs a sixteenth of a step, and changes no bit.
+            self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
         self.data = mujoco.MjData(self.model)
         self.layout = ModelLayout(self.model, tuple(robot.servos))
         self.period_ns = period_ns

@@ -27,9 +27,13 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Names = dict[int, tuple[Any, list[str] | None]]
+"""What parts of a message call the elements of their arrays, by id; the parts too, so that no id is given twice."""
 
 _CLOCKS_APART = 0.05
 """[s] A recorder gets a message later than this after its stamp, or before it, only where clocks differ."""
+_FIELDS: dict[type, tuple[str, ...]] = {}
+"""Fields of each type of message met so far: a bag holds many of few."""
 _NAMES = ("name", "joint_names", "names", "interface_names")
 """Fields that name the elements of the arrays beside them."""
 _EULER = ("roll", "pitch", "yaw")
@@ -125,8 +129,9 @@ class MessageColumns:
             GapInputError: it lacks a field or an element that the map names.
         """
         mine = [one for one in self._series.values() if one.row.topic == topic]
+        names: Names = {}
         # All are read before any is kept, so that what is refused leaves no trace.
-        for one, values in [(one, one.read(message)) for one in mine]:
+        for one, values in [(one, one.read(message, names)) for one in mine]:
             one.keep(values)
         self._received[topic].append(received)
         self._stamped[topic].append(_stamp(message))
@@ -283,9 +288,9 @@ class _Series:
         self._any = False
         self._parts = [self._part(text) for text in str(row.field).split(".")]
 
-    def read(self, message: Any) -> list[tuple[int, float]]:
-        """(ns after its stamp, value) of the channel in a message."""
-        return self._walk(message, 0, message, 0)
+    def read(self, message: Any, names: Names) -> list[tuple[int, float]]:
+        """(ns after its stamp, value) of the channel in a message; ``names`` is what its channels have in common."""
+        return self._walk(message, 0, message, 0, names)
 
     def keep(self, values: list[tuple[int, float]]) -> None:
         """What `read` found in the next message."""
@@ -326,10 +331,10 @@ class _Series:
             raise GapInputError(f"{self._where}: field: {text!r} is no name of a field, such as position or points[0]")
         return match[1], None if match[2] is None else int(match[2])
 
-    def _walk(self, at: Any, depth: int, parent: Any, after: int) -> list[tuple[int, float]]:
+    def _walk(self, at: Any, depth: int, parent: Any, after: int, seen: Names) -> list[tuple[int, float]]:
         """(ns after the message's stamp, value) of all that the path leads to from ``at``, its ``depth`` parts done."""
         if depth == len(self._parts):
-            value = self._number(at, parent)
+            value = self._number(at, parent, seen)
             return [(after, value)]
         name, index = self._parts[depth]
         names = _message_fields(at)
@@ -340,19 +345,19 @@ class _Series:
             if not hasattr(inner, "__len__") or index >= len(inner):
                 raise GapInputError(f"{self._where}: field {name!r} has no element {index}")
             inner = inner[index]
-        holder = at if _names_of(at) is not None else parent
+        holder = at if _names_of(at, seen) is not None else parent
         if isinstance(inner, list | tuple) and inner and _message_fields(inner[0]):
             if not hasattr(inner[0], "time_from_start"):
                 raise GapInputError(f"{self._where}: field {name!r} is a list of messages; say which, as in {name}[0]")
             found = []
             for point in inner:
-                found += self._walk(point, depth + 1, holder, after + _duration(point.time_from_start))
+                found += self._walk(point, depth + 1, holder, after + _duration(point.time_from_start), seen)
             return found
         if isinstance(inner, list | tuple) and not inner and depth + 1 < len(self._parts):
             return []
-        return self._walk(inner, depth + 1, holder, after)
+        return self._walk(inner, depth + 1, holder, after, seen)
 
-    def _number(self, value: Any, holder: Any) -> float:
+    def _number(self, value: Any, holder: Any, seen: Names) -> float:
         """The number that the row means of what its field holds."""
         element = self.row.element
         if isinstance(value, bool | int | float | np.number | np.bool_):
@@ -361,7 +366,7 @@ class _Series:
             return self._component_of(value)
         if isinstance(value, str) or not hasattr(value, "__len__"):
             raise GapInputError(f"{self._where}: the field holds {type(value).__name__}, not numbers")
-        names = _names_of(holder)
+        names = _names_of(holder, seen)
         if isinstance(element, str) and names is not None:
             if element not in names:
                 if not self._any and len(names) == len(value):
@@ -394,17 +399,30 @@ class _Series:
         )
 
 
-def _message_fields(value: Any) -> list[str]:
+def _message_fields(value: Any) -> tuple[str, ...]:
     """Names of a message's fields, none of what is no message."""
-    if hasattr(value, "get_fields_and_field_types"):  # a message of ROS itself
-        return list(value.get_fields_and_field_types())
-    if not dataclasses.is_dataclass(value):
-        return []
-    return [f.name for f in dataclasses.fields(value) if not f.name.startswith("__")]
+    kind = type(value)
+    if kind not in _FIELDS:
+        _FIELDS[kind] = _fields_of(kind)
+    return _FIELDS[kind]
 
 
-def _names_of(message: Any) -> list[str] | None:
-    """Names of the elements of a message's arrays, where it says them."""
+def _fields_of(kind: type) -> tuple[str, ...]:
+    if hasattr(kind, "get_fields_and_field_types"):  # a message of ROS itself
+        return tuple(kind.get_fields_and_field_types())
+    if not dataclasses.is_dataclass(kind):
+        return ()
+    return tuple(f.name for f in dataclasses.fields(kind) if not f.name.startswith("__"))
+
+
+def _names_of(message: Any, seen: Names) -> list[str] | None:
+    """Names of the elements of a message's arrays, where it says them; ``seen`` keeps those of one message."""
+    if id(message) not in seen:
+        seen[id(message)] = message, _find_names(message)
+    return seen[id(message)][1]
+
+
+def _find_names(message: Any) -> list[str] | None:
     for name in _NAMES:
         names = getattr(message, name, None)
         if isinstance(names, list | tuple) and names and all(isinstance(n, str) for n in names):
@@ -420,7 +438,7 @@ def _duration(value: Any) -> int:
 def _fields(message: Any, prefix: str = "", names: Sequence[str] | None = None) -> dict[str, list[str] | int | None]:
     """Paths of all numbers of a message; see `Topic.fields`."""
     found: dict[str, list[str] | int | None] = {}
-    names = _names_of(message) or names
+    names = _find_names(message) or names
     for name in _message_fields(message):
         value, path = getattr(message, name), f"{prefix}{name}"
         # A name in capitals is a constant of the message's type.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,29 +42,35 @@ def predictable_share(residuals: Residuals, residual: Array, seed: int = 0) -> f
     features = np.concatenate([force, once, twice], axis=-1)[:, windows.sample]
     features = features / np.maximum(features.std(axis=(0, 1)), 1e-9)
     groups = windows.block % 4
-    explained = total = 0.0
-    for c in range(residual.shape[-1]):
-        target = residual[..., c]
-        root = np.sqrt(1.0 + (target**2).mean(axis=1, keepdims=True))
-        target = target / root
-        best = max(_held_out(features, target, groups, strength) for strength in _RIDGE)
-        power = float((target**2).sum())
-        explained, total = explained + max(best, 0.0) * power, total + power
-    return explained / max(total, 1e-12)
+    target = residual / np.sqrt(1.0 + (residual**2).mean(axis=1, keepdims=True))
+    best = _held_out(features, target, groups, _RIDGE).max(axis=0)
+    power = (target**2).sum(axis=(0, 1))
+    return float(np.maximum(best, 0.0) @ power / max(float(power.sum()), 1e-12))
 
 
-def _held_out(features: Array, target: Array, groups: NDArray[np.int64], strength: float) -> float:
-    """Share of the target's power that ridge regression explains in groups of blocks that were left out."""
-    missed = 0.0
+def _held_out(features: Array, targets: Array, groups: NDArray[np.int64], strengths: Sequence[float]) -> Array:
+    """Share of each target's power that ridge regression explains in groups of blocks that were left out.
+
+    Args:
+        features: (nw, ns, nf).
+        targets: (nw, ns, nt).
+        groups: (nw,) of each window.
+        strengths: of the ridge.
+
+    Returns:
+        (strengths, nt)
+    """
+    missed = np.zeros((len(strengths), targets.shape[-1]))
     for g in np.unique(groups):
         train, test = groups != g, groups == g
         if not train.any():
-            return 0.0
+            return np.zeros_like(missed)
         a = features[train].reshape(-1, features.shape[-1])
-        b = target[train].reshape(-1)
-        weights = np.linalg.solve(a.T @ a + strength * len(a) * 1e-2 * np.eye(a.shape[1]), a.T @ b)
-        missed += float(((target[test] - features[test] @ weights) ** 2).sum())
-    return 1.0 - missed / max(float((target**2).sum()), 1e-12)
+        normal, moment = a.T @ a, a.T @ targets[train].reshape(-1, targets.shape[-1])
+        for i, strength in enumerate(strengths):
+            weights = np.linalg.solve(normal + strength * len(a) * 1e-2 * np.eye(len(normal)), moment)
+            missed[i] += ((targets[test] - features[test] @ weights) ** 2).sum(axis=(0, 1))
+    return 1.0 - missed / np.maximum((targets**2).sum(axis=(0, 1)), 1e-12)
 
 
 def repeating_share(residuals: Residuals, residual: Array) -> tuple[float, float]:
@@ -76,7 +84,7 @@ def repeating_share(residuals: Residuals, residual: Array) -> tuple[float, float
     time = rows * aligned.period
     groups = windows.block % 4
     target = residual / np.sqrt(1.0 + (residual**2).mean(axis=1, keepdims=True))
-    power, best = max(float((target**2).sum()), 1e-12), (0.0, 0.0)
+    power, best = (target**2).sum(axis=(0, 1)), (0.0, 0.0)
     flat = np.ones(rows.shape)
     for frequency in np.arange(_SLOWEST, min(_FASTEST, 0.25 / aligned.period), 0.5 / max(aligned.duration, 1.0)):
         phase = 2.0 * np.pi * frequency * time
@@ -84,9 +92,6 @@ def repeating_share(residuals: Residuals, residual: Array) -> tuple[float, float
         once = np.cumsum(force, axis=1) / windows.length
         features = np.concatenate([force, once, np.cumsum(once, axis=1) / windows.length], axis=-1)[:, windows.sample]
         features = features / np.maximum(features.std(axis=(0, 1)), 1e-9)
-        explained = 0.0
-        for c in range(target.shape[-1]):
-            channel = target[..., c]
-            explained += max(_held_out(features, channel, groups, _RIDGE[0]), 0.0) * float((channel**2).sum())
-        best = max(best, (explained / power, float(frequency)))
+        explained = np.maximum(_held_out(features, target, groups, _RIDGE[:1])[0], 0.0) @ power
+        best = max(best, (float(explained / max(power.sum(), 1e-12)), float(frequency)))
     return best
