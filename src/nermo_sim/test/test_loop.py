@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.types import ControlCommand, Posture, TrajectoryMode
-from nermo_description.parameters import RobotParameters
+from nermo_description.parameters import RobotParameters, TailModel
 from nermo_sim.disturbance import Disturbance, DisturbedRun
 from nermo_sim.loop import Loop, constant, schedule
 from nermo_sim.run_table import Recording
+
+ISLANDS = int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
 
 
 def walking(gait: str, frequency: float = 0.8, velocity: float = 0.06) -> ControlCommand:
@@ -53,6 +56,16 @@ def test_same_commands_same_bytes(robot: RobotParameters) -> None:
     runs = [Loop.build(robot, GaitParameters()).run(script, 2.0) for _ in range(2)]
     assert runs[0].states.tobytes() == runs[1].states.tobytes()
     assert runs[0].commands.tobytes() == runs[1].commands.tobytes()
+
+
+@pytest.mark.parametrize("tail", ["chain", "rigid"])
+def test_looking_for_islands_would_change_no_bit(robot: RobotParameters, tail: TailModel) -> None:
+    loops = [Loop.build(robot.with_tail(tail), GaitParameters()) for _ in range(2)]
+    assert loops[0].twin.model.opt.disableflags & ISLANDS, "the mouse is one tree"
+    loops[1].twin.model.opt.disableflags &= ~ISLANDS
+    for loop in loops:
+        loop.run(constant(walking("trot")), 2.0, record=False)
+    np.testing.assert_array_equal(loops[0].twin.data.qpos, loops[1].twin.data.qpos)
 
 
 def test_disturbances_follow_the_seed(robot: RobotParameters) -> None:
