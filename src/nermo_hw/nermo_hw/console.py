@@ -18,7 +18,7 @@ Json = Annotated[Path | None, typer.Option("--json", help="Write the results to 
 HELP = {"help_option_names": ["-h", "--help"]}
 
 # Files and pipes have no width; the tables need one.
-console = Console(width=None if sys.stdout.isatty() else 160)
+console = Console(markup=False, width=None if sys.stdout.isatty() else 160)
 
 
 def say(what: str) -> None:

@@ -16,7 +16,7 @@ from rich.table import Table
 from nermo_description.parameter_files import ParameterError, write_yaml
 from nermo_description.results import CommandError, write_results
 
-_console = Console()
+_console = Console(markup=False)
 
 Robot = Annotated[str, typer.Option(help="Whose feet: a robot's name, or the path of a tactile parameter file.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 # Files and pipes have no width; the tables need one.
-console = Console(width=None if sys.stdout.isatty() else 180)
+console = Console(markup=False, width=None if sys.stdout.isatty() else 180)
 
 
 @contextlib.contextmanager

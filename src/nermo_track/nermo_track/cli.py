@@ -258,7 +258,7 @@ def live(
         from nermo_track.layout import load_layout
         from nermo_track.live import Source, film_live
 
-        layout, console = load_layout(tags), Console(stderr=True)
+        layout, console = load_layout(tags), Console(markup=False, stderr=True)
         with console.status(f"{camera}: opening") as status:
             source = Source(camera, size, rate)
             filmed = film_live(source, out, layout, seconds, lambda said: status.update(said.sentence(layout.ids)))

@@ -37,8 +37,8 @@ def print_rows(rows: list[dict[str, object]]) -> None:
     table = Table(*(name.replace("_", " ") for name in rows[0]))
     for row in rows:
         table.add_row(*(f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()))
-    console = Console()
-    Console(width=None if console.is_terminal else 180).print(table)
+    console = Console(markup=False)
+    Console(markup=False, width=None if console.is_terminal else 180).print(table)
 
 
 @contextlib.contextmanager
@@ -48,7 +48,7 @@ def progress() -> Iterator[Callable[[str, float], None]]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description:>8}"), BarColumn(), TimeElapsedColumn())
-    console = Console(stderr=True)
+    console = Console(markup=False, stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=1.0)
         yield lambda stage, share: bar.update(task, description=stage, completed=share)

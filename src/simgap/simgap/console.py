@@ -63,7 +63,7 @@ def progress(first: str, terminal: TextIO | None = None) -> Iterator[Callable[[s
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    console = Console(file=terminal or sys.stderr)
+    console = Console(markup=False, file=terminal or sys.stderr)
     if console.is_terminal:
         columns = (TextColumn("{task.description:>16}"), BarColumn(), TimeElapsedColumn())
         with Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as bar:
@@ -145,7 +145,8 @@ def print_check(found: Check) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    console = Console()
+    # No markup: channels of a bag have brackets in their names.
+    console = Console(markup=False)
     runs = "one run" if found.runs == 1 else f"{found.runs} runs"
     console.print(f"{found.duration:.4g} s in {runs}, a sample every {1e3 * found.period:.4g} ms")
     table = Table("joint", "from", "to", "rms speed", "reversals", "noise", "not told apart")
@@ -157,21 +158,28 @@ def print_check(found: Check) -> None:
     if found.detectability:
         _print_detectable(found.detectability, console)
     for warning in found.warnings:
-        console.print(f"[yellow]warning:[/yellow] {warning}", highlight=False)
+        _led(console, "warning:", f" {warning}", "yellow")
     for line in found.advice:
         console.print(f"record: {line}", highlight=False)
-    console.print(f"[bold]{found.verdict}[/bold]")
+    console.print(found.verdict, style="bold")
+
+
+def _led(console: Console, lead: str, text: str, style: str) -> None:
+    """A line that begins with something in another style."""
+    from rich.text import Text
+
+    console.print(Text.assemble((lead, style), text))
 
 
 def _print_detectable(rows: Sequence[Detectable], console: Console) -> None:
     """By part: the smallest that would be found of each effect, and what does not show or looks like another."""
-    console.print("[bold]what this recording could show, part by part, from which size on[/bold]")
+    console.print("what this recording could show, part by part, from which size on", style="bold")
     for site in dict.fromkeys(row.site for row in rows):
         mine = [row for row in rows if row.site == site]
         size = [f"{r.effect} {size_of(r)}" for r in mine if r.smallest is not None and r.rival is None]
         like = [f"{r.effect} {size_of(r)} (like {r.rival})" for r in mine if r.rival is not None]
         hidden = [r.effect for r in mine if r.smallest is None]
-        console.print(f"[bold]{site}[/bold]: {', '.join(size) or 'nothing'}", highlight=False)
+        _led(console, site, f": {', '.join(size) or 'nothing'}", "bold")
         for what, names in (("not told from another", like), ("does not show", hidden)):
             if names:
                 console.print(f"  {what}: {', '.join(names)}", highlight=False)
@@ -193,9 +201,9 @@ def print_diagnosis(found: Diagnosis, report_file: Path | None = None) -> None:
 
     from simgap.report.sentences import free, left, limits
 
-    console, report = Console(), found.report
+    console, report = Console(markup=False), found.report
     gap: dict[str, Any] = report["gap"]
-    console.print(f"[bold]verdict: {report['verdict']}[/bold]")
+    console.print(f"verdict: {report['verdict']}", style="bold")
     for reason in report["reasons"]:
         console.print(f"  {reason}")
     console.print(
@@ -224,7 +232,7 @@ def print_diagnosis(found: Diagnosis, report_file: Path | None = None) -> None:
     for line in told.get("commands", ()):
         console.print(f"type next: {line}", highlight=False, soft_wrap=True)
     for warning in report["warnings"]:
-        console.print(f"[yellow]warning:[/yellow] {warning}")
+        _led(console, "warning:", f" {warning}", "yellow")
     for line in report.get("data", {}).get("advice", ()):
         console.print(f"record: {line}", highlight=False)
     console.print(f"{report['wall_s']:.1f} s")
@@ -253,7 +261,7 @@ def print_each(rows: Sequence[dict[str, Any]], summary: Path, command: str) -> N
         effects = "\n".join(f"{e['name']}@{e['site']}: {_parameters(e)}" for e in row["effects"])
         table.add_row(name, row["verdict"], effects, f"{row['gap']['before']:.2f}", f"{row['gap']['after']:.2f}")
     write_report({"schema": "simgap/each/1", "command": command, "rows": rows}, summary)
-    Console().print(table)
+    Console(markup=False).print(table)
     print(summary)
     if errors := [row["error"] for row in rows if "error" in row]:
         fail(errors[0], 2)

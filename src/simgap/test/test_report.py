@@ -243,3 +243,11 @@ def test_a_browser_shows_it(html: str, tmp_path: Path) -> None:
     assert measured, shown[:500]
     wide, flat, parts = map(int, measured.groups())
     assert wide <= 0 and flat == 0 and parts >= 5
+
+
+@pytest.mark.parametrize(("cut_short", "said"), [(True, "for the first 31.7 s of a run"), (False, "to its end")])
+def test_a_free_run_says_how_far_it_went(cut_short: bool, said: str) -> None:
+    run = {"model": "diagnosed", "unit": {"q": "rad"}, "stretch_s": None, "duration_s": 31.74, "fitted_on_it": False}
+    steps = [{"free_running": {"q": value}} for value in (0.2, 0.1)]
+    report = {"verdict": "effect", "waterfall": steps, "where": [{"channel": "q"}]}
+    assert said in free({**report, "free_running": [{**run, "cut_short": cut_short}]})

@@ -13,7 +13,9 @@ from typer.testing import CliRunner
 
 from simgap.catalogue import catalogue
 from simgap.cli import app
+from simgap.console import print_check
 from simgap.effects.library import effect_classes
+from simgap.preparation.check import Check, JointMotion
 
 HEAVY = ("numpy", "scipy", "mujoco", "pydantic", "pint", "pyarrow", "rosbags", "jinja2", "yaml")
 
@@ -110,3 +112,11 @@ def test_bad_input_is_one_sentence_and_status_2(words: list[str], message: str, 
     assert answer.exit_code == 2 and answer.stdout == ""
     (line,) = answer.stderr.strip().splitlines()
     assert message in line
+
+
+def test_names_with_brackets_are_printed_whole(capsys: pytest.CaptureFixture[str]) -> None:
+    """As a bag's channels have them."""
+    joint = JointMotion("knee[0]", 0.0, 1.0, 1.0, 4, 0.1, False)
+    print_check(Check(0.01, 2.0, 1, [joint], warnings=["a[left] is late"], advice=["move b[bold]"]))
+    told = capsys.readouterr().out
+    assert all(name in told for name in ("knee[0]", "a[left] is late", "move b[bold]"))

@@ -58,7 +58,7 @@ def demo(
         raise typer.Exit(_hidden_mouse(robot, seed, out, fault, budget))
     use_network(network)
     settings = Settings(robot, out, quick, real_time_factor, stepped, video, seed or 0)
-    raise typer.Exit(0 if run_demo(settings, json, Console()) else 1)
+    raise typer.Exit(0 if run_demo(settings, json, Console(markup=False)) else 1)
 
 
 def _hidden_mouse(robot: str, number: int | None, out: Path | None, fault: str | None, budget: float | None) -> int:

@@ -134,7 +134,7 @@ class _Session:
         self._settings, self._bag, self._signals = settings, bag, signals
         self._driver = Driver(Limits())
         self._keys = Keys(self._driver, sys.stdin.fileno())
-        self._console = Console(highlight=False)
+        self._console = Console(markup=False, highlight=False)
 
     def run(self) -> None:
         """Brings the graph up, drives until somebody leaves, brings it down and says how it was."""

@@ -53,7 +53,7 @@ def bench_fuzz(
 
     os.environ.setdefault("ROS_DOMAIN_ID", DOMAIN)
     os.environ.update(loopback(os.environ))
-    console = Console()
+    console = Console(markup=False)
     outcomes = []
     with tempfile.TemporaryDirectory() as folder:
         chosen = [subject for subject in subjects(Path(folder)) if not node or subject.executable in node]

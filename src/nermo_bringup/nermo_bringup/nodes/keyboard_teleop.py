@@ -41,7 +41,13 @@ class KeyboardTeleop(Node):
         self._input = sys.stdin.fileno()
         self._terminal.enter_context(raw_terminal(self._input))
         self._live = self._terminal.enter_context(
-            Live(self._screen(), console=Console(), auto_refresh=False, redirect_stdout=False, redirect_stderr=False)
+            Live(
+                self._screen(),
+                console=Console(markup=False),
+                auto_refresh=False,
+                redirect_stdout=False,
+                redirect_stderr=False,
+            )
         )
         # Hands work in real time, whatever the simulation's clock does.
         steady = Clock(clock_type=ClockType.STEADY_TIME)

@@ -92,7 +92,7 @@ class Session:
 
     def __init__(self, request: Request, signals: Signals) -> None:
         self._request, self._signals = request, signals
-        self._console = Console(highlight=False, stderr=True)
+        self._console = Console(markup=False, highlight=False, stderr=True)
         # A domain of its own, so that neither another graph on this machine nor this one is disturbed.
         self._domain = int(os.environ.get("ROS_DOMAIN_ID") or 1 + os.getpid() % 100)
         os.environ["ROS_DOMAIN_ID"] = str(self._domain)

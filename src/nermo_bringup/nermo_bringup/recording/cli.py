@@ -55,7 +55,7 @@ def replay(
     from nermo_description.robots import load_robot
     from nermo_node.recording_reader import Recording
 
-    console = Console()
+    console = Console(markup=False)
     try:
         source = Recording(recording)
         parameters = load_robot(robot or recorded_robot(source) or "nermo_lite")
@@ -134,7 +134,7 @@ def repair(
     from nermo_bringup.recording.errors import RecordingError
 
     try:
-        with Progress(console=Console(stderr=True), transient=True) as bar:
+        with Progress(console=Console(markup=False, stderr=True), transient=True) as bar:
             task = bar.add_task("repairing", total=None)
             done = repairing.repair(recording, lambda now, total: bar.update(task, completed=now, total=total))
     except RecordingError as error:

@@ -57,4 +57,4 @@ def print_predictions(rows: list[dict[str, Any]]) -> None:
         both = one is not None and two is not None and row["quantity"] != "passed" and one > 0.0
         shown = ["lost" if v is None else f"{v:.3f}" for v in (one, two)]
         table.add_row(row["experiment"], row["quantity"], *shown, f"{100.0 * (two / one - 1.0):+.0f} %" if both else "")
-    Console().print(table)
+    Console(markup=False).print(table)

@@ -97,7 +97,7 @@ def _rank_alone(key: str, found: Sequence[Explanation]) -> int | None:
 
 def print_explanations(report: dict[str, Any]) -> None:
     """The best explanations, and the cells of the best one."""
-    console, cells = Console(), report["cells"]
+    console, cells = Console(markup=False), report["cells"]
     ranking = Table("effects", "cells met", "distance", title=f"{report['summary']} from its twin")
     for entry in [report["before"], *report["explanations"][:SHOWN]]:
         named = [f"{e['effect']} {e['size']:g} {e['unit']}" for e in entry["effects"]]

@@ -139,7 +139,7 @@ def detectability_command(
         found = row.found
         smallest = "does not show" if found.smallest is None else f"{found.parameter} {size_of(found)}"
         table.add_row(found.effect, found.site, smallest, row.piece, found.sensor, found.rival or "")
-    Console().print(table)
+    Console(markup=False).print(table)
     if json_ is not None:
         told = {"schema": "nermo_gap/detectability/1", "robot": parameters.name, "protocol": protocol}
         write_report({**told, "rows": [row.report() for row in rows]}, json_)

@@ -269,6 +269,7 @@ def told(runs: Sequence[FreeRun], plant: Plant, names: Sequence[str]) -> list[di
                 "rmse": run.error(plant, name),
                 "unit": units,
                 "duration_s": run.duration,
+                "cut_short": run.cut_short,
                 "fitted_on_it": run.seen[name],
                 "broke_down": run.broke_down(name),
                 "start_error": run.start_error,

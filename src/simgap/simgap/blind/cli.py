@@ -239,5 +239,5 @@ def _print(scored: dict[str, Any]) -> None:
         row = [TITLES[name], cell(own["value"], name), interval, str(own["n"])]
         row += [between(aim, name), between(floor, name), *beside]
         table.add_row(*row)
-    Console(width=150).print(table)
+    Console(markup=False, width=150).print(table)
     typer.echo(f"{scored['scored']} of {scored['made']} cases scored; status {scored['status']}")

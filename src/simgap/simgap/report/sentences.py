@@ -166,8 +166,14 @@ def free(report: Report) -> str:
     unit, stretch = rows[0]["unit"].get(name, ""), rows[0]["stretch_s"]
     if last.get(name) is None or first[name] != first[name] or last[name] != last[name]:
         return f"Running free, a simulation breaks down; {name} cannot be compared over whole runs."
-    how = f"over {stretch:g} s, after which chaos tells" if stretch else "from the start of a run to its end"
-    seen = " (runs that were also fitted)" if all(r["fitted_on_it"] for r in rows if r["model"] == "diagnosed") else ""
+    mine = [r for r in rows if r["model"] == "diagnosed"]
+    if stretch:
+        how = f"over {stretch:g} s, after which chaos tells"
+    elif all(r["cut_short"] for r in mine):
+        how = f"for the first {max(r['duration_s'] for r in mine):.3g} s of a run"
+    else:
+        how = "from the start of a run to its end"
+    seen = " (runs that were also fitted)" if all(r["fitted_on_it"] for r in mine) else ""
     change = "falls" if last[name] <= first[name] else "grows"
     return (
         f"Running free {how}{seen}, the error at {name} {change} from {amount(first[name], unit)} to "

@@ -104,7 +104,7 @@ def affordable(recorded: float) -> float:
 def demonstrate(robot: str, number: int, out: Path, fault: str | None, budget: float | None) -> int:
     """`show` as a command, hasty without a budget; returns its exit status, 0 whatever the diagnosis says."""
     try:
-        show(robot, number, out, Console(), budget=budget, fault=fault, hasty=True)
+        show(robot, number, out, Console(markup=False), budget=budget, fault=fault, hasty=True)
     except (GapInputError, ParameterError) as error:
         print(error, file=sys.stderr)
         return 2
