@@ -121,7 +121,7 @@ def test_a_change_is_told_and_sets_bring_it_back(base: KnowledgeBase) -> None:
     assert base.set("front.swing_amplitude", 0.01) == (True, "")
     base.graph.until(lambda: base.parameters.front.swing_amplitude == 0.01, "the change is told")
     listed = base.graph.call(ListParameterSets, f"{NODE}/list_parameter_sets", ListParameterSets.Request())
-    assert listed.names == ["high_steps"]
+    assert listed.names == ["high_steps", "optimized_roll", "optimized_speed", "thesis"]
     loaded = base.graph.call(
         LoadParameterSet, f"{NODE}/load_parameter_set", LoadParameterSet.Request(name="high_steps")
     )

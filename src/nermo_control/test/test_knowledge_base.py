@@ -19,6 +19,9 @@ from nermo_control.gait.knowledge_base import (
 )
 from nermo_description.parameter_files import ParameterError
 
+OURS = ["optimized_roll", "optimized_speed", "thesis"]
+"""Sets that come with the package."""
+
 
 @pytest.mark.parametrize(("gait", "factor"), [("trot", 2.00), ("walking_trot", 1.67), ("lateral_walk", 1.47)])
 def test_gait_factors_are_those_of_table_a2(gait: str, factor: float) -> None:
@@ -105,14 +108,24 @@ def test_every_number_has_a_range_and_a_unit() -> None:
 
 def test_sets_are_saved_listed_and_loaded(tmp_path: Path) -> None:
     base = GaitKnowledgeBase(tmp_path / "sets")
-    assert base.names() == []
+    assert base.names() == OURS
     base.save("first")
     changed = GaitParameters(default_gait_frequency=0.5)
     base.change(changed)
     base.save("second")
-    assert base.names() == ["first", "second"]
+    assert base.names() == sorted(["first", "second", *OURS])
     assert base.load("first") == GaitParameters()
     assert base.load("second") == changed
+
+
+def test_what_comes_with_the_package_is_loaded_unless_something_else_has_its_name(tmp_path: Path) -> None:
+    base = GaitKnowledgeBase(tmp_path)
+    assert base.load("thesis") == GaitParameters(), "N's as printed"
+    found = base.load("optimized_roll")
+    assert found.rear.stance_amplitude < 1e-4 and found != base.load("optimized_speed")
+    base.change(GaitParameters(default_gait_frequency=0.5))
+    base.save("optimized_roll")
+    assert base.load("optimized_roll").default_gait_frequency == 0.5
 
 
 def test_a_set_is_overwritten_only_on_demand(tmp_path: Path) -> None:

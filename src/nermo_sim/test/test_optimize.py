@@ -14,8 +14,11 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from nermo_control.gait.knowledge_base import GaitKnowledgeBase, GaitParameters
+from nermo_control.types import ControlCommand, TrajectoryMode
 from nermo_description.results import CommandError
+from nermo_description.robots import load_robot
 from nermo_sim.experiments.result_log import ResultLog
+from nermo_sim.loop import Loop, constant
 from nermo_sim.optimize import search
 from nermo_sim.optimize.cli import optimize_app
 from nermo_sim.optimize.costs import WORST, Objective, parts, weights_of
@@ -178,6 +181,17 @@ def test_a_search_that_was_killed_goes_on_to_the_same_end_and_its_set_can_be_loa
     space = Space(BASE, "trot", spine=True)
     assert space.values(loaded) == whole["best"]["parameters"]
     assert np.isfinite(whole["unseen"]["gain"]["speed_m_s"])
+
+
+def test_the_set_that_comes_with_the_package_rocks_less_than_half_as_much(tmp_path: Path) -> None:
+    walk = ControlCommand(0, forward_velocity=0.09, gait_frequency=0.8, trajectory_mode=TrajectoryMode.STRAIGHT_LINE)
+    sets = GaitKnowledgeBase(tmp_path)
+
+    def roll(name: str) -> float:
+        recording = Loop.build(load_robot("nermo_lite"), sets.load(name)).run(constant(walk), 8.0)
+        return float(recording.roll_pitch_yaw[800:, 0].std())
+
+    assert roll("optimized_roll") < 0.5 * roll("thesis")
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,8 @@ MIN_GAIT_FREQUENCY = 0.1
 MAX_GAIT_FREQUENCY = 3.0
 """Highest gait frequency that is accepted [Hz]."""
 
+OUR_SETS = Path(__file__).parent / "sets"
+"""What comes with the package: N's parameters as printed, and those that `nermo optimize` found."""
 _SET_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
 
@@ -182,7 +184,10 @@ def write_gait_parameters(parameters: GaitParameters, path: Path) -> None:
 
 
 class GaitKnowledgeBase:
-    """The present gait parameters, how often they changed, and named sets of them in a directory of YAML files."""
+    """The present gait parameters, how often they changed, and named sets of them in a directory of YAML files.
+
+    Sets that come with the package can be loaded too; one that is saved under the same name stands before it.
+    """
 
     def __init__(self, directory: Path, parameters: GaitParameters | None = None) -> None:
         self._directory = directory
@@ -219,16 +224,17 @@ class GaitKnowledgeBase:
 
     def load(self, name: str) -> GaitParameters:
         """The parameters saved under a name; `change` makes them the present ones. Raises ParameterError."""
-        path = self._path(name)
-        if not path.exists():
+        path, ours = self._path(name), OUR_SETS / f"{name}.yaml"
+        if not path.exists() and not ours.exists():
             near = difflib.get_close_matches(name, self.names(), n=1)
-            hint = f"did you mean {near[0]}?" if near else f"saved are: {', '.join(self.names()) or 'none'}"
+            hint = f"did you mean {near[0]}?" if near else f"there are: {', '.join(self.names())}"
             raise ParameterError(f"{path}: no saved set {name!r}; {hint}")
-        return read_gait_parameters(path)
+        return read_gait_parameters(path if path.exists() else ours)
 
     def names(self) -> list[str]:
-        """Names of the saved sets, sorted."""
-        return sorted(path.stem for path in self._directory.glob("*.yaml") if _SET_NAME.fullmatch(path.stem))
+        """Names of all sets that can be loaded, sorted."""
+        files = (*self._directory.glob("*.yaml"), *OUR_SETS.glob("*.yaml"))
+        return sorted({path.stem for path in files if _SET_NAME.fullmatch(path.stem)})
 
     @staticmethod
     def check_name(name: str) -> None:
