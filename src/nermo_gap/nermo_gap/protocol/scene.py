@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from nermo_description.parameter_files import ParameterError, read_yaml
 from nermo_description.stand import Stand
@@ -70,7 +70,7 @@ class SceneFile(BaseModel):
     stand: StandRow | None = None
     begun: int | None = None
     """[ns] Stamp of the first command, of a recording of the graph; other tables count from it themselves."""
-    skipped: float | None = None
+    skipped: float | None = Field(None, ge=0.0, allow_inf_nan=False)
     """[s] that an emulated device left out meanwhile because its machine was too slow."""
     pieces: tuple[PieceRow, ...]
 
@@ -115,7 +115,7 @@ class SceneFile(BaseModel):
     @property
     def slow_motion(self) -> str:
         """What to say of an emulated mouse that moved in slow motion; nothing of any other."""
-        lasted = self.pieces[-1].end
+        lasted = self.pieces[-1].end if self.pieces else 0.0
         if (self.skipped or 0.0) <= MUCH_SKIPPED * lasted:
             return ""
         return (
