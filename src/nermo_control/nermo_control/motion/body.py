@@ -16,6 +16,7 @@ from nermo_control.oscillators.legs import OscillatorLegs
 from nermo_control.spine.controller import NOT_LIFTED, SpineController
 from nermo_control.tail import TailController
 from nermo_control.types import Four, MotionCommand, Posture
+from nermo_description.blend import fastest_braked
 from nermo_description.parameters import LEGS, RobotParameters
 
 FARTHEST_BACK = 2e-3
@@ -39,6 +40,9 @@ class Body:
         self._index = {name: number for number, name in enumerate(self._names)}
         self._neutral = [servo.neutral for servo in robot.servos.values()]
         self._steps_of_a_tick = [servo.max_velocity * period_ns * 1e-9 for servo in robot.servos.values()]
+        self._period = period_ns * 1e-9
+        self._elapsed = self._period
+        """Since the last tick [s]."""
         self._largest_steps = self._steps_of_a_tick
         self._knees = [self._index[f"{leg}_knee"] for leg in LEGS]
         self._offsets = [0.0] * len(LEGS)
@@ -47,6 +51,8 @@ class Body:
         """Where the servos are to be."""
         self.servos: list[float] = []
         """What they were told last."""
+        self._speeds: list[float] = []
+        """How fast they are told to move [rad/s]."""
 
     def set_parameters(self, parameters: GaitParameters) -> None:
         """Takes new parameters of the spine's functions."""
@@ -54,6 +60,7 @@ class Body:
 
     def due(self, periods: float) -> None:
         """Says how many control periods this tick comes after the last one: what a servo can do in the meantime."""
+        self._elapsed = periods * self._period
         periods = min(max(periods, 1.0), LATEST_TICKS)
         self._largest_steps = [periods * step for step in self._steps_of_a_tick]
 
@@ -70,6 +77,21 @@ class Body:
                 self.targets[number] = self._neutral[number]
                 warnings.append(f"{self._names[number]}: measured position {position} rad, neutral position assumed")
         self.servos = list(self.targets)
+        self._speeds = [0.0] * len(self.servos)
+
+    def moving(self) -> tuple[list[float], list[float]]:
+        """Where servos are by now that went on as they were told [rad], and how fast [rad/s].
+
+        A way that begins there, and so fast, does not jump; a servo that is near the end of its range is slower, and
+        brakes within.
+        """
+        delay = min(self._elapsed, LATEST_TICKS * self._period)
+        here, speeds = [], []
+        for servo, told, speed in zip(self._robot.servos.values(), self.servos, self._speeds, strict=True):
+            up, down = fastest_braked(servo.upper - told, delay), fastest_braked(told - servo.lower, delay)
+            speeds.append(min(max(speed, -servo.max_velocity, -down), servo.max_velocity, up))
+            here.append(told + speeds[-1] * delay)
+        return here, speeds
 
     def within_ranges(self, wanted: Sequence[float | None], warnings: list[str]) -> list[float]:
         """Servo positions [rad] as far as each servo goes; one that nobody wants anywhere (None) stays as it was told.
@@ -183,4 +205,5 @@ class Body:
             if not -step <= target - last <= step:
                 servos[number] = last + math.copysign(step, target - last)
                 warnings.append(f"{self._names[number]}: faster than the servo, slowed down")
+        self._speeds = [(now - last) / self._elapsed for now, last in zip(servos, self.servos, strict=True)]
         self.servos = servos

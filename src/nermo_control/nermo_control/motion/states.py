@@ -123,9 +123,10 @@ class Moving(_Posed):
 
     @classmethod
     def begin(cls, context: MotionContext, posture: Posture, at: Posture | None) -> Moving:
-        """From where the servos are."""
-        servos = context.body.posture(posture, context.parameters, context.tick.warnings)
-        return cls(posture, at, Blend(context.body.servos, servos, context.config.posture_velocity, context.tick.stamp))
+        """From where the servos are, and as fast as they are."""
+        end = context.body.posture(posture, context.parameters, context.tick.warnings)
+        blend = Blend(*context.body.moving(), end, context.config.posture_velocity, context.tick.stamp)
+        return cls(posture, at, blend)
 
     def step(self, context: MotionContext) -> State:
         context.body.targets = self._blend.at(context.tick.stamp)
@@ -147,7 +148,7 @@ class Following(_Posed):
         context.feet.stand()
         context.feet.x, context.feet.z = neutral_feet(context.parameters)
         context.body.freeze()
-        return cls(Approach(context.body.servos, context.config.posture_velocity, context.tick.stamp))
+        return cls(Approach(*context.body.moving(), context.config.posture_velocity, context.tick.stamp))
 
     def next(self, context: MotionContext, goal: Posture | None) -> State:
         # As a walk without any command that is valid any more.
