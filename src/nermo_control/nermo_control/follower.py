@@ -10,6 +10,10 @@ RESPONSE_TIME = 0.05
 POSE_RESPONSE_TIME = 0.15
 """Likewise for a pose of tail or back, over whose whole range a servo then moves at no more than about 3 rad/s [s]."""
 
+TUNING_RESPONSE_TIME = 0.07
+"""Likewise for a parameter of the spine that is changed while it bends: its servo then accelerates by no more than some
+350 rad/s^2, half of what 0.05 s would ask for [s]."""
+
 
 class Follower:
     """Follows its target as a critically damped spring does: without a jump in value or rate, in exact steps.

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from nermo_control.clamp import within_one
-from nermo_control.follower import POSE_RESPONSE_TIME, Follower
+from nermo_control.follower import POSE_RESPONSE_TIME, TUNING_RESPONSE_TIME, Follower
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.gait.phase import Flags, LegPhases
 from nermo_control.spine.balance import BalanceCompensation, CentreOfMass
@@ -128,8 +128,8 @@ class SpineController:
         self._stride_weight = Follower(self._period)
         self._balance_share = Follower(self._period)
         self._offset_weight = Follower(self._period)
-        self._range = Follower(self._period, self._max_flexion)
-        self._exponent = Follower(self._period, self._fusion_exponent)
+        self._range = Follower(self._period, self._max_flexion, TUNING_RESPONSE_TIME)
+        self._exponent = Follower(self._period, self._fusion_exponent, TUNING_RESPONSE_TIME)
         self._arch = Follower(self._period, arch, POSE_RESPONSE_TIME)
         self._vertical = arch
         self._wave = self._lumbar_wave = 0.0
