@@ -241,7 +241,7 @@ def weak_knee(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 def test_a_weak_knee_is_told_from_its_neighbour_and_on_stiff_legs_its_size_found(
     weak_knee: tuple[str, Fit, Fit],
 ) -> None:
-    """Where knees comply tendons go slack and taut, and its size is not told as well (docs/gap_nermo.md)."""
+    """Where knees comply tendons go slack and taut, and its size is not told as well (docs/gap_nermo_record.md)."""
     knees, own, other = weak_knee
     assert own.cost < other.cost - 10.0
     if knees == "stiff":
