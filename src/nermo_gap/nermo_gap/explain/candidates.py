@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from nermo_description.effects import EFFECTS
 from nermo_description.parameters import LEGS, Deviation, RobotParameters
 
@@ -29,6 +31,24 @@ class Candidate:
     def unit(self) -> str:
         """Of the size."""
         return next(iter(EFFECTS[self.effect].values.values())).unit
+
+    @property
+    def ladder(self) -> tuple[float, ...]:
+        """Sizes by position: 0 is no effect at all, 1 the first of ``sizes``, and so on."""
+        neutral = 1.0 if self.unit == "1" else 0.0
+        if self.effect in ("joint_range", "servo_rate_limit"):
+            neutral = 2.0 * self.sizes[0]
+        return (neutral, *self.sizes)
+
+    def size(self, position: float) -> float:
+        """Size at a position, which may lie between two of them."""
+        return round(float(np.interp(position, np.arange(len(self.ladder)), self.ladder)), 6)
+
+    def position(self, size: float) -> float:
+        """Position of a size."""
+        ladder = np.array(self.ladder)
+        order = np.argsort(ladder)
+        return float(np.interp(size, ladder[order], np.arange(len(ladder))[order]))
 
     def deviation(self, size: float) -> Deviation:
         """The effect at a size."""
@@ -67,6 +87,6 @@ def candidates(robot: RobotParameters) -> list[Candidate]:
         Candidate("coulomb_friction", "servos", (0.006, 0.015), shafts),
         Candidate("ground_friction", "all", (0.5, 0.25), feet),
         Candidate("mass", "torso", (0.02, 0.05), ("torso",)),
-        Candidate("com_shift", "torso_forward", (0.002, 0.005), ("torso",), ("x",)),
-        Candidate("com_shift", "torso_back", (0.002, 0.005), ("torso",), ("-x",)),
+        Candidate("com_shift", "torso_forward", (0.002, 0.005, 0.01), ("torso",), ("x",)),
+        Candidate("com_shift", "torso_back", (0.002, 0.005, 0.01), ("torso",), ("-x",)),
     ]

@@ -20,7 +20,7 @@ def explain_command(
     ),
     json_: Annotated[Path | None, typer.Option("--json", help="File for the explanations.")] = None,
     only: Annotated[list[str] | None, typer.Option(help="Look at this effect only, name@site (repeat).")] = None,
-    effects: Annotated[int, typer.Option(min=1, max=3, help="Largest number of effects at once.")] = 2,
+    effects: Annotated[int, typer.Option(min=1, max=5, help="Largest number of effects at once.")] = 2,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; by default one a processor.")] = None,
     executor: Annotated[str, typer.Option(help=EXECUTOR)] = PROCESSES,
 ) -> None:

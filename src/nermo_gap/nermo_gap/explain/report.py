@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import platform
 from collections.abc import Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
@@ -17,13 +18,18 @@ from rich.table import Table
 from nermo_description.robots import load_robot
 from nermo_gap.explain.candidates import candidates
 from nermo_gap.explain.evaluate import Evaluator
-from nermo_gap.explain.search import Explanation, Progress, explain
+from nermo_gap.explain.posterior import held_out, of_effects, probabilities
+from nermo_gap.explain.search import Progress, explain
+from nermo_gap.explain.sets import Explanation
 from nermo_gap.explain.summary import Summary, load_summary
+from nermo_gap.robots.checks import check
 from simgap.data.errors import GapInputError, nearest
 from simgap.execution.executors import PROCESSES
 
 SCHEMA = "nermo_gap/explanation/1"
 SHOWN = 12
+OPEN, NEXT = 0.1, 4
+"""An effect that acts with a probability farther than this from no and yes is open; so many of them are told."""
 _SHIPPED = Path(str(files("nermo_gap"))) / "summaries"
 
 
@@ -56,6 +62,9 @@ def explain_file(
 
 def _report(summary: Summary, before: Explanation, found: Sequence[Explanation]) -> dict[str, Any]:
     best = {p.candidate.key for p in found[0].parts} if found else set()
+    sets = [before, *found]
+    chance = probabilities(summary.cells, sets)
+    acts = of_effects(sets, chance)
     emulated = [e for e in found if e.predicted]
     right = sum(a == b for e in emulated for a, b in zip(e.predicted, e.met, strict=True))
     return {
@@ -69,18 +78,37 @@ def _report(summary: Summary, before: Explanation, found: Sequence[Explanation])
             {"name": c.name, "source": c.source, "low": c.low, "high": c.high, "passed": c.passed}
             for c in summary.cells
         ],
-        "before": _plain(before),
-        "explanations": [_plain(e) for e in found],
+        "before": _plain(before, chance[0]),
+        "explanations": [_plain(e, p) for e, p in zip(found, chance[1:], strict=True)],
+        "effects": [{"effect": key, "probability": p} for key, p in acts.items()],
+        "held_out": [asdict(row) for row in held_out(summary.cells, before, sets)],
+        "measure_next": _measure_next(acts, found),
         "emulator": {
             "cells_predicted": sum(len(e.met) for e in emulated),
             "cells_right": right,
         },
-        "blamed": [{"effect": b, "in_best": b in best, "rank_alone": _rank_alone(b, found)} for b in summary.blamed],
+        "blamed": [
+            {"effect": b, "in_best": b in best, "rank_alone": _rank_alone(b, found), "probability": acts.get(b)}
+            for b in summary.blamed
+        ],
     }
 
 
-def _plain(explanation: Explanation) -> dict[str, Any]:
+def _measure_next(acts: dict[str, float], found: Sequence[Explanation]) -> list[dict[str, Any]]:
+    """What to look at on the robot: effects that may act or not, those first of which least is known."""
+    open_ = [key for key, p in acts.items() if OPEN < p < 1.0 - OPEN]
+    rows = []
+    for key in sorted(open_, key=lambda k: abs(acts[k] - 0.5))[:NEXT]:
+        part = next(p for one in found for p in one.parts if p.candidate.key == key)
+        values = part.candidate.deviation(part.size).values
+        where = part.candidate.where.split("_forward")[0].split("_back")[0]
+        rows.append({"effect": key, "probability": acts[key], "check": check(part.candidate.effect, where, values)})
+    return rows
+
+
+def _plain(explanation: Explanation, probability: float) -> dict[str, Any]:
     return {
+        "probability": float(probability),
         "effects": [{"effect": p.candidate.key, "size": p.size, "unit": p.candidate.unit} for p in explanation.parts],
         "cells_met": sum(explanation.met),
         "met": list(explanation.met),
@@ -98,13 +126,14 @@ def _rank_alone(key: str, found: Sequence[Explanation]) -> int | None:
 def print_explanations(report: dict[str, Any]) -> None:
     """The best explanations, and the cells of the best one."""
     console, cells = Console(markup=False), report["cells"]
-    ranking = Table("effects", "cells met", "distance", title=f"{report['summary']} from its twin")
+    ranking = Table("effects", "cells met", "distance", "probability", title=f"{report['summary']} from its twin")
     for entry in [report["before"], *report["explanations"][:SHOWN]]:
         named = [f"{e['effect']} {e['size']:g} {e['unit']}" for e in entry["effects"]]
         ranking.add_row(
             " + ".join(named) or "the twin as it is",
             f"{entry['cells_met']} of {len(cells)}",
             f"{entry['distance']:.2f}",
+            f"{entry['probability']:.2f}",
         )
     console.print(ranking)
     if report["explanations"]:
@@ -121,9 +150,23 @@ def print_explanations(report: dict[str, Any]) -> None:
             f"the emulator had {accuracy['cells_right']} of {accuracy['cells_predicted']} cells right "
             "where it was checked by experiments"
         )
+    tables = Table(
+        "table left out", "cells", "twin meets", "met by the likeliest", "expected", title="each by the others"
+    )
+    for row in report["held_out"]:
+        numbers = (row["cells"], row["twin"], row["best"])
+        tables.add_row(row["source"], *map(str, numbers), f"{row['expected']:.1f}")
+    console.print(tables)
+    for effect in report["effects"][:SHOWN]:
+        if effect["probability"] >= OPEN:
+            console.print(f"acts with a probability of {effect['probability']:.2f}: {effect['effect']}")
     for blamed in report["blamed"]:
         rank = "not looked at" if blamed["rank_alone"] is None else f"rank {blamed['rank_alone']} alone"
-        console.print(f"blamed by the author: {blamed['effect']}: {rank}{', in the best' if blamed['in_best'] else ''}")
+        chance = "" if blamed["probability"] is None else f", acts with a probability of {blamed['probability']:.2f}"
+        best_too = ", in the best" if blamed["in_best"] else ""
+        console.print(f"blamed by the author: {blamed['effect']}: {rank}{chance}{best_too}")
+    for row in report["measure_next"]:
+        console.print(f"look at next: {row['effect']} ({row['probability']:.2f}): {row['check']}")
 
 
 def _shown(value: float | None, cell: dict[str, Any]) -> str:
