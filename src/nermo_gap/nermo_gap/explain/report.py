@@ -88,10 +88,18 @@ def _report(summary: Summary, before: Explanation, found: Sequence[Explanation])
             "cells_right": right,
         },
         "blamed": [
-            {"effect": b, "in_best": b in best, "rank_alone": _rank_alone(b, found), "probability": acts.get(b)}
+            {"effect": b, "in_best": b in best, "rank_alone": _rank_alone(b, found), **_opinion(acts.get(b))}
             for b in summary.blamed
         ],
     }
+
+
+def _opinion(probability: float | None) -> dict[str, Any]:
+    """What the cells say of an effect that the author blames."""
+    if probability is None:
+        return {"probability": None, "verdict": "not looked at"}
+    verdict = "likely" if probability >= 0.5 else "open" if probability > OPEN else "nothing speaks for it"
+    return {"probability": probability, "verdict": verdict}
 
 
 def _measure_next(acts: dict[str, float], found: Sequence[Explanation]) -> list[dict[str, Any]]:
@@ -124,7 +132,7 @@ def _rank_alone(key: str, found: Sequence[Explanation]) -> int | None:
 
 
 def print_explanations(report: dict[str, Any]) -> None:
-    """The best explanations, and the cells of the best one."""
+    """The best explanations, the cells of the best one, and what may be believed."""
     console, cells = Console(markup=False), report["cells"]
     ranking = Table("effects", "cells met", "distance", "probability", title=f"{report['summary']} from its twin")
     for entry in [report["before"], *report["explanations"][:SHOWN]]:
@@ -137,36 +145,45 @@ def print_explanations(report: dict[str, Any]) -> None:
         )
     console.print(ranking)
     if report["explanations"]:
-        best = report["explanations"][0]
-        table = Table("cell", "published", "twin", "with the best", "met")
-        for i, cell in enumerate(cells):
-            wanted = f"{cell['low']:g} to {cell['high']:g}" if cell["passed"] is None else _word(cell["passed"])
-            shown = [_shown(entry["values"][i], cell) for entry in (report["before"], best)]
-            table.add_row(cell["name"], wanted, *shown, "yes" if best["met"][i] else "no")
-        console.print(table)
+        console.print(_cells(report))
+    console.print(_foretold(report))
     accuracy = report["emulator"]
     if accuracy["cells_predicted"]:
         console.print(
             f"the emulator had {accuracy['cells_right']} of {accuracy['cells_predicted']} cells right "
             "where it was checked by experiments"
         )
-    tables = Table(
-        "table left out", "cells", "twin meets", "met by the likeliest", "expected", title="each by the others"
-    )
-    for row in report["held_out"]:
-        numbers = (row["cells"], row["twin"], row["best"])
-        tables.add_row(row["source"], *map(str, numbers), f"{row['expected']:.1f}")
-    console.print(tables)
-    for effect in report["effects"][:SHOWN]:
+    for effect in report["effects"]:
         if effect["probability"] >= OPEN:
             console.print(f"acts with a probability of {effect['probability']:.2f}: {effect['effect']}")
     for blamed in report["blamed"]:
-        rank = "not looked at" if blamed["rank_alone"] is None else f"rank {blamed['rank_alone']} alone"
-        chance = "" if blamed["probability"] is None else f", acts with a probability of {blamed['probability']:.2f}"
-        best_too = ", in the best" if blamed["in_best"] else ""
-        console.print(f"blamed by the author: {blamed['effect']}: {rank}{chance}{best_too}")
+        rank = f" (rank {blamed['rank_alone']} alone)" if blamed["rank_alone"] else ""
+        chance = "" if blamed["probability"] is None else f", {blamed['probability']:.2f}"
+        console.print(f"blamed by the author: {blamed['effect']}: {blamed['verdict']}{chance}{rank}")
     for row in report["measure_next"]:
         console.print(f"look at next: {row['effect']} ({row['probability']:.2f}): {row['check']}")
+
+
+def _cells(report: dict[str, Any]) -> Table:
+    """The published table beside the twin and the best set."""
+    best = report["explanations"][0]
+    table = Table("cell", "published", "twin", "with the best", "met")
+    for i, cell in enumerate(report["cells"]):
+        wanted = f"{cell['low']:g} to {cell['high']:g}" if cell["passed"] is None else _word(cell["passed"])
+        shown = [_shown(entry["values"][i], cell) for entry in (report["before"], best)]
+        table.add_row(cell["name"], wanted, *shown, "yes" if best["met"][i] else "no")
+    return table
+
+
+def _foretold(report: dict[str, Any]) -> Table:
+    """Each source foretold by the others."""
+    table = Table(
+        "left out", "cells", "met by the twin", "by the likeliest set", "expected", title="told by the others"
+    )
+    for row in report["held_out"]:
+        numbers = (row["cells"], row["twin"], row["best"])
+        table.add_row(row["source"], *map(str, numbers), f"{row['expected']:.1f}")
+    return table
 
 
 def _shown(value: float | None, cell: dict[str, Any]) -> str:
