@@ -40,6 +40,8 @@ _BOXED = float(truncnorm.var(-BOX, BOX))
 _FOLD_TRIALS = (1.0, 0.3)
 _STRAINED = 1.0
 """[nats] Nuisances that cost more than this may have swallowed a part of an effect."""
+_LARGER = (1.0, 1.5, 2.2, 3.3)
+"""Where nuisances do a part of what an effect does, the whole effect is so much larger."""
 _VALLEY = 0.05
 """[nats] Polishing ends when a round gains less."""
 MANY, _MOVED = 24, 0.5
@@ -279,13 +281,22 @@ class Fitter:
             self.refresh(fit.hypothesis, fit.x, fit.z, fit.residual, self.moved(fit))
             better = self.fit(fit.hypothesis, fit.x, fit.z, 4, fit.residual, slope=fit.effect_jacobian)
             if strained:
-                # From the other end of the valley: nuisances at rest, the effect as large as it is.
-                rested = self.fit(fit.hypothesis, fit.x, np.zeros_like(fit.z), 4)
+                rested = self.fit(fit.hypothesis, *self._at_rest(fit), 4)
                 better, strained = min(better, rested, key=lambda f: f.cost), False
             gain, fit = fit.cost - better.cost, better
             if gain < _VALLEY:
                 break
         return self.cross_validate(fit)
+
+    def _at_rest(self, fit: Fit) -> tuple[Array, Array]:
+        """The other end of the valley (x, z): nuisances at rest, effects as much larger as then fits best."""
+        hypothesis, rest = fit.hypothesis, np.zeros_like(fit.z)
+        low, high = (hypothesis.scaled(hypothesis.vector(end)) for end in ("low", "high"))
+        neutral = hypothesis.scaled(hypothesis.vector("neutral"))
+        away = hypothesis.scaled(fit.x) - neutral
+        sizes = [hypothesis.values(np.clip(neutral + k * away, low, high)) for k in (_LARGER if len(away) else (1.0,))]
+        squares = self.mean_square(self.replay(hypothesis, [(x, rest) for x in sizes]))
+        return sizes[int(np.argmin([float(self.data_cost(square)) for square in squares]))], rest
 
     @contextmanager
     def sensitivities_kept(self) -> Iterator[None]:

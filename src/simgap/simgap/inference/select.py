@@ -247,7 +247,7 @@ class Selector:
         refused: list[Scored] = []
         if winner is not None and self._promises(reference, winner):
             singles, winner = self._followed(singles, winner, reference)
-            winner = self._restarted(winner)
+            singles, winner = self._ended(singles, self._restarted(winner), reference)
             if self._effort.twice:
                 reference = self.candidates.without([winner], reference)
                 result = self._found = replace(result, reference=reference, best=reference, singles=singles)
@@ -309,6 +309,20 @@ class Selector:
         if self._effort.twice:
             scored = self.candidates.rested(scored)
         return self.candidates.restarted(scored) if self.scores.typical(scored.fit.held) > ENOUGH else scored
+
+    def _ended(self, scored: list[Scored], winner: Scored, without: Scored) -> tuple[list[Scored], Scored]:
+        """Who could not be told from the winner, begun anew as that was; and who wins then.
+
+        Where ends are a matter of chance, more beginnings find a better one, whoever is right.
+        """
+        if not self._effort.twice:
+            return scored, winner
+        others = [s for s in scored if s.key != winner.key]
+        close = indistinct(without.score - winner.score)
+        near = [min(s.score - winner.score, s.fit.cost - winner.fit.cost) < close for s in others[: _EXCHANGED - 1]]
+        others = [self._restarted(s) if n else s for s, n in zip(others, near, strict=False)] + others[len(near) :]
+        ended = sorted([winner, *others], key=by_score)
+        return ended, simplest(self.scores, ended, without, self._sites) or winner
 
     def _begun_elsewhere(self, result: Selection, screened: Sequence[Screened]) -> Selection:
         """The same with another first effect, where much is left: the first may only have imitated two others.
