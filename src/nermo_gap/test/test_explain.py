@@ -28,14 +28,25 @@ ARC = Run(experiment="turning", strategy="spine")
 LIFT = Run(experiment="balance", leg="rear_left")
 
 
+KNOBS = {
+    ("servo_gain", "front_left_hip"): 1.0,
+    ("joint_stiffness", "spine_lateral_1_joint"): 1.0,
+    ("mass", "torso"): 0.0,
+}
+"""What the robots of paper mind, and where it is neutral."""
+
+
+def sizes(point: Point) -> dict[tuple[str, str], float]:
+    """{(effect, first site): size} of a set of deviations."""
+    return {(d.effect, d.sites[0]): next(iter(d.values.values())) for d in point}
+
+
 def robot_of_paper(points: Sequence[Point], runs: Sequence[Run], progress: object = None) -> list[Results]:
     """Its speed falls with servo gain, its arc is lost with a soft spine, and its lift fails with mass."""
     found = []
     for point in points:
-        values = {(d.effect, d.sites[0]): next(iter(d.values.values())) for d in point}
-        gain = values.get(("servo_gain", "front_left_hip"), 1.0)
-        spine = values.get(("joint_stiffness", "spine_lateral_1_joint"), 1.0)
-        mass = values.get(("mass", "torso"), 0.0)
+        values = sizes(point)
+        gain, spine, mass = (values.get(key, neutral) for key, neutral in KNOBS.items())
         number = {
             TROT.key: 0.08 * (0.5 + 0.5 * gain),
             ARC.key: 13.0 / spine if spine > 0.35 else math.inf,
@@ -105,10 +116,8 @@ def four_at_once(points: Sequence[Point], runs: Sequence[Run], progress: object 
     """Its numbers need four effects, of which two weaken each other: no sum of single ones foretells them."""
     found = []
     for point in points:
-        values = {(d.effect, d.sites[0]): next(iter(d.values.values())) for d in point}
-        gain = values.get(("servo_gain", "front_left_hip"), 1.0)
-        spine = values.get(("joint_stiffness", "spine_lateral_1_joint"), 1.0)
-        mass = values.get(("mass", "torso"), 0.0)
+        values = sizes(point)
+        gain, spine, mass = (values.get(key, neutral) for key, neutral in KNOBS.items())
         friction = values.get(("ground_friction", "front_left_foot"), 1.0)
         number = {
             TROT.key: 0.08 * (1.0 - 0.5 * (1.0 - gain)) * (1.0 - 0.3 * (1.0 - friction) * gain),
