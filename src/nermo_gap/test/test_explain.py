@@ -158,6 +158,25 @@ def test_four_effects_grow_out_of_three(four: tuple[Explanation, list[Explanatio
     assert judge(FOUR.cells, again, again)[1][2:] == list(best.values[2:]) and again == best.results
 
 
+def leaning(points: Sequence[Point], runs: Sequence[Run], progress: object = None) -> list[Results]:
+    """A mass further forward makes it slower at one frequency, one further back at another."""
+    found = []
+    for point in points:
+        shifts = [d.values["x"] for d in point if d.effect == "com_shift"]
+        assert len(shifts) < 2
+        forward, back = max([*shifts, 0.0]), max([*(-s for s in shifts), 0.0])
+        number = {TROT.key: 0.08 * (1.0 - 30.0 * forward), FAST.key: 0.1 * (1.0 - 30.0 * back)}
+        found.append({run.key: number[run.key] for run in runs})
+    return found
+
+
+def test_no_mass_is_further_forward_and_further_back() -> None:
+    cells = tuple(Cell(name=run.key, source="one", run=run, relative=True, low=0.65, high=0.75) for run in (TROT, FAST))
+    summary = Summary(name="leaning", robot="nermo_lite", cells=cells)
+    _, found = explain(summary, candidates(load_robot("nermo_lite")), leaning, largest=3)  # type: ignore[arg-type]
+    assert sum(found[0].met) == 1
+
+
 def test_sets_that_explain_more_with_less_are_likelier(
     four: tuple[Explanation, list[Explanation]],
 ) -> None:

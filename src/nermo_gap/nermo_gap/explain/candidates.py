@@ -50,6 +50,10 @@ class Candidate:
         order = np.argsort(ladder)
         return float(np.interp(size, ladder[order], np.arange(len(ladder))[order]))
 
+    def excludes(self, other: Candidate) -> bool:
+        """Whether it is the same effect at the same sites, as a mass further forward and one further back are."""
+        return (self.effect, self.sites) == (other.effect, other.sites)
+
     def deviation(self, size: float) -> Deviation:
         """The effect at a size."""
         values = {

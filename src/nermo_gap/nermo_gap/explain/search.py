@@ -89,6 +89,8 @@ def _promising(search: _Search, count: int) -> list[Promise]:
     """Sets of ``count`` effects at the sizes that the emulator likes best, best first."""
     ranked = []
     for chosen in itertools.combinations(search.choices, count):
+        if any(a.excludes(b) for a, b in itertools.combinations(chosen, 2)):
+            continue
         sets = itertools.product(*([Part(c, size) for size in _sizes(c)] for c in chosen))
         ranked.append(min((search.promise(s, search.emulator(s)) for s in sets), key=lambda p: p[0]))
     return sorted(ranked, key=lambda p: p[0])
@@ -107,17 +109,26 @@ def _neighbours(search: _Search, largest: int) -> list[Promise]:
 
 def _changed(parts: tuple[Part, ...], choices: Sequence[Candidate], largest: int) -> Iterator[tuple[Part, ...]]:
     """A set with one effect more, less, exchanged or of the next size."""
-    others = [Part(c, size) for c in choices if c not in {p.candidate for p in parts} for size in _sizes(c)]
     if len(parts) < largest:
-        yield from ((*parts, other) for other in others)
+        yield from ((*parts, other) for other in _others(parts, choices))
     for i, part in enumerate(parts):
         rest = parts[:i] + parts[i + 1 :]
         if rest:
             yield rest
-        yield from ((*rest, other) for other in others)
+        yield from ((*rest, other) for other in _others(rest, choices) if other.candidate != part.candidate)
         at, sizes = part.candidate.position(part.size), _sizes(part.candidate)
         near = [size for size in sizes if 0.01 < abs(part.candidate.position(size) - at) < STEP + 0.01]
         yield from ((*rest, Part(part.candidate, size)) for size in near)
+
+
+def _others(parts: tuple[Part, ...], choices: Sequence[Candidate]) -> list[Part]:
+    """What may join a set."""
+    return [
+        Part(choice, size)
+        for choice in choices
+        if not any(choice.excludes(p.candidate) for p in parts)
+        for size in _sizes(choice)
+    ]
 
 
 def _sizes(candidate: Candidate) -> list[float]:
