@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from nermo_description.results import CommandError
 from nermo_description.robots import load_robot
-from nermo_gap.robots.channels import TRACKER
+from nermo_gap.robots.channels import TRACKER, uncertainty
 from nermo_gap.robots.mcap_table import mcap_table
 from nermo_node.recording_reader import Recording
 from nermo_track.bench.command import BEGIN, COVERED, errors
@@ -75,6 +75,11 @@ def test_a_film_becomes_a_recording_that_the_diagnosis_reads(
     rows = np.isfinite(table["base_x"])
     assert rows.sum() == len(odometry)
     assert all(np.isfinite(table[column][rows]).all() for column in TRACKER)
+    # What the film says of itself is the least that the diagnosis takes for noise.
+    known = uncertainty([table])
+    assert [known[c] for c in TRACKER[:3]] == pytest.approx(np.median(np.sqrt(spread[:, range(3), range(3)]), axis=0))
+    turned = np.sqrt(np.mean(spread[:, range(3, 6), range(3, 6)], axis=1))
+    assert known["base_qw"] == pytest.approx(0.5 * np.median(turned))
     again = CliRunner().invoke(track_app, [*arguments, "--out", str(out)])
     assert isinstance(again.exception, CommandError) and "never overwritten" in str(again.exception)
 

@@ -7,11 +7,16 @@ simulation is never used, except that its pose of base_link stands in for the tr
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from nermo_description.parameters import LEGS, RobotParameters
 from simgap.data.mapping import Map, parse_map
+
+Array = NDArray[np.float64]
 
 TRACKER = ("base_x", "base_y", "base_z", "base_qw", "base_qx", "base_qy", "base_qz")
 """Pose of base_link in the tracker's frame, z up: [m] and quaternion."""
@@ -48,6 +53,11 @@ class Channels:
         """What the robot has: Nermo's boards report, Nermo-Lite's servos do not. Who has markers must say so."""
         reports = robot.servo_type.integral_gain > 0.0 or "spine_vertical" in robot.servos
         return cls(servos=reports, knees=reports, gyro=reports, tracker=True, markers=markers)
+
+
+def said(column: str) -> str:
+    """Column of what the tracker itself says of a column of `TRACKER`: its standard deviation, in the same unit."""
+    return f"{column}_said"
 
 
 def command(servo: str) -> str:
@@ -137,6 +147,19 @@ def robot_map(robot: RobotParameters, columns: Collection[str], channels: Channe
 def servos_report(mapping: Map) -> bool:
     """Whether a map holds positions that servos report."""
     return any(row.column.endswith("_position") for row in mapping.outputs)
+
+
+def uncertainty(tables: Iterable[Mapping[str, Array]]) -> dict[str, float]:
+    """What a tracker says of each of its columns: the median standard deviation in the worst of some recordings.
+
+    Errors of a film are alike from picture to picture, so that its noise looks smaller than it is.
+    """
+    found: dict[str, float] = {}
+    for table in tables:
+        for column in TRACKER:
+            if said(column) in table:
+                found[column] = max(found.get(column, 0.0), float(np.nanmedian(table[said(column)])))
+    return found
 
 
 def resolution(columns: Collection[str]) -> dict[str, float]:

@@ -16,7 +16,7 @@ from nermo_description.robots import load_robot
 from nermo_gap.protocol.looks import looker
 from nermo_gap.protocol.recorded import is_mcap, read
 from nermo_gap.protocol.scene import SceneFile, scene_of, segments
-from nermo_gap.robots.channels import Channels, resolution, robot_map, servos_report
+from nermo_gap.robots.channels import Channels, resolution, robot_map, servos_report, uncertainty
 from nermo_gap.robots.mcap_table import recorded_robot
 from nermo_gap.robots.menu import MouseMenu
 from nermo_gap.robots.model import diagnosis_spec
@@ -145,6 +145,8 @@ def diagnose_robot(
     plant, recordings = placed(plant, every, list(stands) or [None] * len(every), names)
     well = recordings[len(tables) :]
     options = dataclasses.replace(options_for(plant, robot, columns, options), reference=well)
+    for column, sd in uncertainty(every).items():
+        options.resolution[column] = max(options.resolution.get(column, 0.0), sd)
     # The twin tells of simulations that break down; here some candidates are meant to.
     log = logging.getLogger("nermo_sim.twin")
     level = log.level

@@ -18,6 +18,7 @@ from nermo_gap.robots.channels import (
     marker,
     phase,
     position,
+    said,
     torque,
 )
 from nermo_node.recording_reader import Recording, RecordingError, TopicData
@@ -97,12 +98,22 @@ def _table(recording: Recording, robot: RobotParameters, begun: int | None) -> d
         pose = [tracker[f"pose.pose.position.{axis}"] for axis in "xyz"]
         pose += [tracker[f"pose.pose.orientation.{part}"] for part in "wxyz"]
         put(tracker, list(TRACKER), np.column_stack(pose))
+        put(tracker, [said(column) for column in TRACKER], _said(tracker))
     for place in MARKERS:
         if (seen := _topic(recording, MARKER.format(place=place))) is not None:
             put(seen, list(marker(place)), np.column_stack([seen[f"point.{axis}"] for axis in "xyz"]))
     if (legs := topics["leg_states"]) is not None:
         put(legs, [phase(leg) for leg in LEGS], np.asarray(legs["phases"], dtype=np.float64))
     return table
+
+
+def _said(tracker: TopicData) -> Array:
+    """(n, 7) standard deviations of poses by their covariances: place [m] and quaternion; NaN where none is said."""
+    variance = np.asarray(tracker["pose.covariance"], dtype=np.float64).reshape(-1, 6, 6).diagonal(axis1=1, axis2=2)
+    variance = np.where(variance > 0.0, variance, np.nan)
+    # A quaternion turns by half the angle.
+    turn = 0.5 * np.sqrt(variance[:, 3:].mean(axis=1, keepdims=True))
+    return np.hstack([np.sqrt(variance[:, :3]), np.repeat(turn, 4, axis=1)])
 
 
 def _topic(recording: Recording, name: str) -> TopicData | None:

@@ -86,8 +86,11 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     started = time.monotonic()
     budget = Budget(options.budget, started)
     options.say("align", 0.0)
-    healthy = learn(options.reference, plant, options) if options.reference else None
-    found = search(recordings, plant, options, budget, healthy)
+    well = []
+    if options.reference:
+        well = learn(options.reference, plant, options)
+        budget = Budget(budget.remaining())
+    found = search(recordings, plant, options, budget, well)
     plant, aligned, fitter, selector, selection = (
         found.plant,
         found.aligned,
@@ -98,6 +101,9 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     floor, residuals, warnings = found.floor, fitter.residuals, found.warnings
     options.say("decision", 0.0)
     verdict = judge(selector, selection)
+    if found.beside and found.beside.unlike and verdict.kind in ("effect", "ambiguous", "partial"):
+        verdict.kind = "unknown"
+        verdict.reasons = [f"{found.beside.unlike}, so what shows there may always have been so", *verdict.reasons]
     structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
     if verdict.kind in ("no_gap", "calibration") and not excited(plant, aligned, floor):
         verdict.kind, verdict.reasons = "unknown", [NOTHING_MOVED]
@@ -146,7 +152,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
         budget.left_out.append("of whole runs only the beginning was simulated")
     report["borders"] = [b.told() for b in found.near]
     report["torque_balance"] = [b.told() for b in found.balances]
-    report["reference"] = healthy.report if healthy else None
+    report["reference"] = found.beside.healthy.report if found.beside else None
     report["next_experiment"] = proposal.report() if proposal else None
     report["warnings"] = warnings + [
         w for w in (timing_at_its_limit(selection.best.fit, fitter), odd_timing(longer, fitter), budget.warning()) if w

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from simgap.analysis import self_contact, torque_balance
 from simgap.analysis.borders import Border, borders, hints
+from simgap.analysis.comparison import Comparison, compare
 from simgap.analysis.input_checks import check_map, check_replay
 from simgap.analysis.options import Options
 from simgap.analysis.stages import Checked, leading, located
@@ -25,6 +26,7 @@ from simgap.inference.budget import SEARCH, Budget, OutOfTimeError
 from simgap.inference.effort import Effort
 from simgap.inference.fit import Fitter
 from simgap.inference.healthy import Healthy
+from simgap.inference.nuisance import Nuisance
 from simgap.inference.residual import Residuals
 from simgap.inference.select import Selection, Selector
 from simgap.inference.stochastic_link import Chance
@@ -50,6 +52,7 @@ class Search:
         floor: (no,) noise floor of the outputs; where the robot was seen well, what the model missed of it then.
         near, balances: what single parts say by themselves.
         warnings: in sentences.
+        beside: the healthy robot, where recordings of it were given.
     """
 
     plant: Plant
@@ -61,12 +64,13 @@ class Search:
     near: list[Border]
     balances: list[Balance]
     warnings: list[str]
+    beside: Comparison | None = None
 
 
 def search(
-    recordings: Sequence[Recording], plant: Plant, options: Options, budget: Budget, healthy: Healthy | None = None
+    recordings: Sequence[Recording], plant: Plant, options: Options, budget: Budget, well: Sequence[Healthy] = ()
 ) -> Search:
-    """Hold the competition of causes.
+    """Hold the competition of causes, beside what explains the robot when it was ``well``, the best first.
 
     Raises:
         GapInputError: the recordings cannot be used, or contradict the map.
@@ -83,20 +87,29 @@ def search(
     options.tell(Checked.of(aligned, plant, warnings))
     options.say("where", 0.0)
     plant = finer(self_contact.without_needless_contacts(plant, state), options.finer)
-    nominal = Variant.nominal(plant)
-    if healthy is not None:
-        nominal, floor = healthy.base, floor * healthy.scale
-        plant = nominal.plant
-    replayer = _replayer(plant, aligned, floor, nominal, options)
+    moved, size = aligned.outputs.std(axis=0), np.sqrt((aligned.inputs**2).mean(axis=0))
+
+    def nuisances_of(plant: Plant) -> list[Nuisance]:
+        return options.nuisances(plant, moved, size, aligned.period)
+
+    def replay(nominal: Variant, floor: Array) -> Replayer:
+        return _replayer(nominal.plant, aligned, floor, nominal, options)
+
+    beside = None
+    if well:
+        options.say("what was constant", 0.0)
+        beside = compare(well, floor, replay, nuisances_of, budget)
+        replayer, nominal = beside.replayer, beside.healthy.base
+        plant, floor = nominal.plant, replayer.floor
+        nuisances = [beside.healthy.narrowed(n) for n in nuisances_of(plant)]
+    else:
+        nominal, nuisances = Variant.nominal(plant), nuisances_of(plant)
+        replayer = replay(nominal, floor)
     windows = replayer.windows
     context = Context(plant, measure_scales(replayer, nominal), options.groups, not aligned.enabled.all())
     effects = enumerate_effects(context, options.extra_effects, options.only)
     if options.keep is not None:
         effects = [effect for effect in effects if options.keep(effect)]
-    size = np.sqrt((aligned.inputs**2).mean(axis=0))
-    nuisances = options.nuisances(plant, aligned.outputs.std(axis=0), size, aligned.period)
-    if healthy is not None:
-        nuisances = [healthy.narrowed(n) for n in nuisances]
     check_replay(plant, aligned.outputs[windows.rows()], replayer.run([nominal])[0])
     residuals = Residuals.build(replayer, nominal)
     fitter = Fitter(residuals, nuisances, nominal)
@@ -123,7 +136,10 @@ def search(
                 Chance(selector).reconsider(selection, thorough=light(plant.model))
         except OutOfTimeError:
             budget.ended("chance")
-    return Search(plant, aligned, floor, fitter, selector, selection, near, balanced, warnings)
+    if beside is not None:
+        beside.settle(selector.scores, selection)
+        warnings += beside.warnings
+    return Search(plant, aligned, floor, fitter, selector, selection, near, balanced, warnings, beside)
 
 
 def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, options: Options) -> Replayer:

@@ -6,15 +6,22 @@ each channel are is learnt from recordings of the healthy robot; what is new sin
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.data.plant import Plant
+from simgap.inference.budget import NUISANCES, Budget
+from simgap.inference.familiar import Motion
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit
 from simgap.inference.nuisance import Nuisance
+from simgap.inference.residual import Residuals
+from simgap.inference.scores import Scored
+from simgap.simulation.replay import Replayer
 from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
@@ -32,13 +39,18 @@ class Healthy:
     Attributes:
         base: the model of the healthy robot, with all that was found constant.
         known: standard error of each nominal number, by name, in standard deviations of its prior.
-        scale: (no,) how many noise floors the healthy robot leaves in each output, at least 1.
+        scale: (no,) how many noise floors the healthy robot leaves in each output where the model has not been
+            fitted to it, at least 1.
+        motion: where it has been.
+        score: how well that predicts it, smaller is better [nats].
         report: for `reference` of the report.
     """
 
     base: Variant
     known: dict[str, float]
     scale: Array
+    motion: Motion
+    score: float
     report: dict[str, Any]
 
     def narrowed(self, nuisance: Nuisance) -> Nuisance:
@@ -49,16 +61,46 @@ class Healthy:
         return nuisance.scaled(share)
 
 
-def healthy(fitter: Fitter, fit: Fit, report: dict[str, Any]) -> Healthy:
-    """What a fit to the healthy robot says; ``report`` is passed on."""
+def healthy(fitter: Fitter, scored: Scored, report: dict[str, Any]) -> Healthy:
+    """What a cross-validated fit to the healthy robot says; ``report`` is passed on."""
+    fit = scored.fit
     base = fitter.variant(fit.hypothesis, fit.x, fit.z)
     plant = replace(base.plant, model=base.model)
-    square = fitter.mean_square(fit.residual)
     scale = np.ones(len(plant.outputs))
-    scale[fitter.residuals.live] = np.sqrt(fitter.likelihood.scale(square))
+    held = fitter.windows.fold >= 0
+    scale[fitter.residuals.live] = np.sqrt(fitter.likelihood.scale(np.nan_to_num(fit.held), held))
     deviation = np.sqrt(np.diag(_covariance(fitter, fit)))
     known = {n.name: float(sd) for n, sd in zip(fitter.nuisances, deviation, strict=True)}
-    return Healthy(replace(base, plant=plant), known, scale, report)
+    base = replace(base, plant=plant)
+    return Healthy(base, known, scale, Motion.of(fitter.residuals.replayer, base), scored.score, report)
+
+
+def fitting(
+    bases: Sequence[Healthy], replayer: Replayer, nuisances: Callable[[Plant], list[Nuisance]], budget: Budget
+) -> Healthy:
+    """Of what explains the healthy robot nearly as well, that which explains it and a new recording best.
+
+    Args:
+        bases: the best first.
+        replayer: of the new recording, with the floor of its own noise.
+        nuisances: what may be off about a model.
+        budget: where the time for nominal numbers is spent, those that were not looked at are passed over.
+    """
+    if len(bases) == 1:
+        return bases[0]
+    costs: list[float] = []
+    likelihood = None
+    for base in bases:
+        if costs and budget.spent(NUISANCES):
+            break
+        plant = base.base.plant
+        own = Replayer(plant, replayer.aligned, replayer.windows, replayer.floor, replayer.threads)
+        fitter = Fitter(Residuals.build(own, base.base), [base.narrowed(n) for n in nuisances(plant)], base.base)
+        fit = fitter.fit_nuisances()
+        # One count of independent samples for all.
+        likelihood = likelihood or fitter.likelihood
+        costs.append(base.score + float(likelihood.cost(fitter.mean_square(fit.residual))) + fit.prior)
+    return bases[int(np.argmin(costs))]
 
 
 def _covariance(fitter: Fitter, fit: Fit) -> Array:

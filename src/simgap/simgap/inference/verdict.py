@@ -92,7 +92,7 @@ def _explained(before: float, after: float) -> float:
     return float(np.clip(1.0 - max(after - 1.0, 0.0) / max(before - 1.0, 1e-9), 0.0, 1.0))
 
 
-def _remains(scores: Scores, square: Array) -> bool:
+def remains(scores: Scores, square: Array) -> bool:
     """Whether mean squares (nw, nl) of windows are no case of no gap."""
     much = scores.typical(square) > REMAINS or float(scores.gaps(square)[0]) > MUCH
     return much or scores.worst_channel(square) > REMAINS_CHANNEL or scores.leaves_more(square)
@@ -105,7 +105,7 @@ def _without_effect(verdict: Verdict, selector: Selector, selection: Selection) 
     typical, worst = scores.typical(held), scores.worst_channel(held)
     left = f"{reference.gap:.1f} noise floors are left, {worst:.1f} in the worst channel"
     moved = ", ".join(selector.fitter.nuisances[i].name for i in reference.fit.strained)
-    if _remains(scores, held):
+    if remains(scores, held):
         verdict.kind = "partial" if verdict.explained >= MOST else "unknown"
         verdict.open = [s.fit for s in selection.singles[:2]] + [reference.fit]
         verdict.reasons.append(
@@ -113,7 +113,7 @@ def _without_effect(verdict: Verdict, selector: Selector, selection: Selection) 
             f"a typical window, {worst:.1f} in the worst channel); nominal numbers within their tolerances explain "
             f"{100 * verdict.explained:.0f} % of what there was"
         )
-    elif moved or _remains(scores, selector.nominal_square):
+    elif moved or remains(scores, selector.nominal_square):
         verdict.kind = "calibration"
         verdict.reasons.append(
             f"nominal numbers within their tolerances explain {100 * verdict.explained:.0f} % of the gap: {left}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -78,6 +78,16 @@ class Windows:
         """Grid rows of all compared samples, (nw, ns)."""
         rows: Ints = self.start[:, None] + self.sample[None, :]
         return rows
+
+    def of(self, keep: NDArray[np.bool_]) -> Windows | None:
+        """Those windows (nw,) alone, dealt to folds anew where a fold has none left; None where there are too few."""
+        block = np.unique(self.block[keep], return_inverse=True)[1].astype(np.int64)
+        fold = self.fold[keep]
+        if set(fold[fold >= 0].tolist()) != set(range(self.folds)):
+            fold = block % FOLDS
+        if len(set(block.tolist())) < 2 * FOLDS:
+            return None
+        return replace(self, start=self.start[keep], block=block, fold=fold)
 
 
 def longer(aligned: Aligned, warm_up: float = WARM_UP) -> float:
