@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 
 from nermo_description.robots import load_robot
 from nermo_gap.cli import gap_app
-from nermo_gap.robots.channels import TRACKER
+from nermo_gap.robots.channels import RESOLUTION, TRACKER, command, said, uncertainty
+from nermo_gap.robots.diagnosis import options_for, robot_plant
 from nermo_gap.robots.simulated import simulate
 from simgap.cli import app
 from simgap.data.mapping import load_map
@@ -66,3 +67,16 @@ def test_the_model_is_one_file_and_stands(folder: Path) -> None:
     for _ in range(500):
         mujoco.mj_step(model, data)
     assert data.body("torso").xpos[2] == pytest.approx(height, abs=0.003)
+
+
+def test_what_a_tracker_says_of_itself_is_the_least_that_counts_as_noise() -> None:
+    lite = load_robot("nermo_lite")
+    columns = [*TRACKER, *(command(servo) for servo in lite.servos)]
+    tables = [
+        {said("base_x"): np.array([np.nan, 1e-3, 3e-3, 2e-3]), said("base_y"): np.full(4, 1e-5)},
+        {said("base_x"): np.array([np.nan, 1e-3, 1e-3, 1e-3])},
+    ]
+    known = uncertainty(tables)
+    assert known == {"base_x": 2e-3, "base_y": 1e-5}
+    least = options_for(robot_plant(lite, columns, None), lite, columns, said=known).resolution
+    assert least["base_x"] == 2e-3 and least["base_y"] == least["base_z"] == RESOLUTION["place"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mujoco
@@ -100,10 +100,21 @@ def subsystem(output: OutputChannel) -> str:
     return f"servo {servo}"
 
 
-def options_for(plant: Plant, robot: RobotParameters, columns: Sequence[str], base: Options | None = None) -> Options:
-    """How to diagnose this plant; ``base`` carries what does not depend on the robot."""
+def options_for(
+    plant: Plant,
+    robot: RobotParameters,
+    columns: Sequence[str],
+    base: Options | None = None,
+    said: Mapping[str, float] | None = None,
+) -> Options:
+    """How to diagnose this plant.
+
+    ``base`` carries what does not depend on the robot, ``said`` what sensors say of their own columns (`uncertainty`).
+    """
     base = base or Options()
     reports = servos_report(plant.map)
+    least = resolution(columns)
+    least |= {column: max(sd, least.get(column, 0.0)) for column, sd in (said or {}).items()}
     return dataclasses.replace(
         base,
         finer=1,  # `robot_plant` has chosen.
@@ -113,7 +124,7 @@ def options_for(plant: Plant, robot: RobotParameters, columns: Sequence[str], ba
         max_windows=base.max_windows or (REPORTING_WINDOWS if reports else WINDOWS),
         horizon=REPORTING_HORIZON if reports else HORIZON,
         warm_up=REPORTING_WARM_UP if reports else base.warm_up,
-        resolution=resolution(columns),
+        resolution=least,
         phases=gait_phases,
         menu=MouseMenu(robot),
         # Whoever is in a hurry has no time to look twice, and servos that report say where to look.
@@ -144,9 +155,7 @@ def diagnose_robot(
     names = list(sources) or [f"recording {i}" for i in range(len(every))]
     plant, recordings = placed(plant, every, list(stands) or [None] * len(every), names)
     well = recordings[len(tables) :]
-    options = dataclasses.replace(options_for(plant, robot, columns, options), reference=well)
-    for column, sd in uncertainty(every).items():
-        options.resolution[column] = max(options.resolution.get(column, 0.0), sd)
+    options = dataclasses.replace(options_for(plant, robot, columns, options, uncertainty(every)), reference=well)
     # The twin tells of simulations that break down; here some candidates are meant to.
     log = logging.getLogger("nermo_sim.twin")
     level = log.level
