@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,17 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def write_mcap(
-    path: Path, columns: dict[str, Array], servos: list[str], joint_every: int = 4, tracker: str = ""
+    path: Path,
+    columns: dict[str, Array],
+    servos: list[str],
+    joint_every: int = 4,
+    tracker: str = "",
+    variance: Sequence[float] = (0.0,) * 6,
 ) -> None:
-    """A recording as the graph's recorder makes it, of the channels of a table; the pose on a topic ``tracker``."""
+    """A recording as the graph's recorder makes it, of the channels of a table.
+
+    The pose stands on a topic ``tracker``, which says ``variance`` of its place and turns.
+    """
     types = get_typestore(Stores.ROS2_HUMBLE)
     for name in ("ServoCommand", "ServoStates"):
         text = (ROOT / "src/nermo_interfaces/msg" / f"{name}.msg").read_text(encoding="utf-8")
@@ -73,7 +82,7 @@ def write_mcap(
                 odometry = make["nav_msgs/msg/Odometry"](
                     header(stamp),
                     "base_link",
-                    make["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
+                    make["geometry_msgs/msg/PoseWithCovariance"](pose, np.diag(variance).ravel()),
                     make["geometry_msgs/msg/TwistWithCovariance"](still, np.zeros(36)),
                 )
                 write(tracker, "nav_msgs/msg/Odometry", odometry, stamp)

@@ -14,6 +14,7 @@ from nermo_description.robots import load_robot
 from nermo_gap.cli import gap_app
 from nermo_gap.robots.channels import RESOLUTION, TRACKER, command, said, uncertainty
 from nermo_gap.robots.diagnosis import options_for, robot_plant
+from nermo_gap.robots.mcap_table import mcap_table
 from nermo_gap.robots.simulated import simulate
 from simgap.cli import app
 from simgap.data.mapping import load_map
@@ -80,3 +81,14 @@ def test_what_a_tracker_says_of_itself_is_the_least_that_counts_as_noise() -> No
     assert known == {"base_x": 2e-3, "base_y": 1e-5}
     least = options_for(robot_plant(lite, columns, None), lite, columns, said=known).resolution
     assert least["base_x"] == 2e-3 and least["base_y"] == least["base_z"] == RESOLUTION["place"]
+
+
+def test_what_a_tracker_does_not_say_is_left_open(tmp_path: Path) -> None:
+    lite = load_robot("nermo_lite")
+    columns = {name: values[:40] for name, values in simulate(lite, 1.0, seed=2).items()}
+    spread = (4e-6, np.inf, -1.0, 9e-6, 9e-6, 9e-6)
+    write_mcap(tmp_path / "a.mcap", columns, list(lite.servos), tracker="tracker/odom", variance=spread)
+    known = uncertainty([mcap_table(tmp_path / "a.mcap", lite)])
+    assert known == pytest.approx({"base_x": 2e-3} | dict.fromkeys(TRACKER[3:], 1.5e-3))
+    write_mcap(tmp_path / "b.mcap", columns, list(lite.servos), tracker="tracker/odom")
+    assert uncertainty([mcap_table(tmp_path / "b.mcap", lite)]) == {}

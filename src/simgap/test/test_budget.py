@@ -104,3 +104,17 @@ def test_no_stage_goes_on_long_after_a_budget(monkeypatch: pytest.MonkeyPatch) -
         assert used < 1.2 * share * whole
         assert report["free_running"] and report["waterfall"]
         assert any("budget" in w for w in report["warnings"])
+
+
+def test_what_a_reference_has_used_is_not_shared_out_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr(budget.time, "monotonic", lambda: now[0])
+    whole = budget.Budget(100.0, 0.0)
+    now[0] = 40.0
+    left = whole.rest()
+    assert whole.spent(budget.NUISANCES) and not left.spent(budget.NUISANCES)
+    now[0] = 40.0 + budget.NUISANCES * 60.0 + 0.1
+    assert left.spent(budget.NUISANCES)
+    left.ended("nuisances")
+    assert "100 s was spent" in left.warning()
+    assert budget.Budget(None).rest().seconds is None

@@ -110,7 +110,7 @@ def _table(recording: Recording, robot: RobotParameters, begun: int | None) -> d
 def _said(tracker: TopicData) -> Array:
     """(n, 7) standard deviations of poses by their covariances: place [m] and quaternion; NaN where none is said."""
     variance = np.asarray(tracker["pose.covariance"], dtype=np.float64).reshape(-1, 6, 6).diagonal(axis1=1, axis2=2)
-    variance = np.where(variance > 0.0, variance, np.nan)
+    variance = np.where((variance > 0.0) & np.isfinite(variance), variance, np.nan)
     # A quaternion turns by half the angle.
     turn = 0.5 * np.sqrt(variance[:, 3:].mean(axis=1, keepdims=True))
     return np.hstack([np.sqrt(variance[:, :3]), np.repeat(turn, 4, axis=1)])

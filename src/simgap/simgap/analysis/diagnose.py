@@ -89,7 +89,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     well = []
     if options.reference:
         well = learn(options.reference, plant, options)
-        budget = Budget(budget.remaining())
+        budget = budget.rest()
     found = search(recordings, plant, options, budget, well)
     plant, aligned, fitter, selector, selection = (
         found.plant,

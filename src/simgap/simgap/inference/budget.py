@@ -35,11 +35,13 @@ class Budget:
 
     Attributes:
         left_out: what was not looked at for want of time, in words.
+        asked: what somebody asked for, where a part of it was spent before.
     """
 
     seconds: float | None = None
     started: float = field(default_factory=time.monotonic)
     left_out: list[str] = field(default_factory=list)
+    asked: float | None = None
     _stage: str = "nuisances"
     _ends: float | None = None
 
@@ -52,6 +54,10 @@ class Budget:
         if self.seconds is None:
             return None
         return max(self.seconds - (time.monotonic() - self.started), LEAST * self.seconds)
+
+    def rest(self) -> Budget:
+        """What is left, to be shared out anew."""
+        return Budget(self.remaining(), time.monotonic(), asked=self.asked or self.seconds)
 
     @contextmanager
     def until(self, share: float) -> Iterator[None]:
@@ -90,4 +96,4 @@ class Budget:
         """What was not looked at, in a sentence; empty where all was."""
         if not self.left_out:
             return ""
-        return f"the budget of {self.seconds:g} s was spent: {'; '.join(self.left_out)}"
+        return f"the budget of {self.asked or self.seconds:g} s was spent: {'; '.join(self.left_out)}"
