@@ -23,6 +23,7 @@ from simgap.inference.budget import Budget
 from simgap.inference.familiar import Motion
 from simgap.inference.healthy import Healthy, fitting
 from simgap.inference.nuisance import Nuisance, enumerate_nuisances
+from simgap.inference.verdict import judge
 from simgap.report.sentences import sentences
 from simgap.simulation.replay import Replayer
 from simgap.simulation.variant import Variant
@@ -132,6 +133,9 @@ def test_no_cause_is_named_that_explains_what_is_missed_anyway(friction: float, 
     beside.settle(found.selector.scores, found.selection)
     assert (found.selection.best is not found.selection.reference) == named
     assert bool(beside.warnings) != named
+    # The answer is the likeliest, and says so.
+    verdict = judge(found.selector, found.selection)
+    assert (verdict.kind in ("no_gap", "calibration")) != named and verdict.sure > 0.5
 
 
 def test_a_motion_is_strange_by_how_far_and_where_it_goes() -> None:

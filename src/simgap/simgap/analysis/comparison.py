@@ -51,7 +51,7 @@ class Comparison:
         best, reference = selection.best, selection.reference
         if best is reference or self.healthy.report["typical"] <= REMAINS or remains(scores, reference.fit.held):
             return
-        selection.best = reference
+        selection.best, scores.missed_anyway = reference, True
         self.warnings.append(
             f"{best.key.replace(' + ', ' and ')} would predict this recording better still, but without a cause the "
             "model misses no more of it than of the reference"

@@ -136,11 +136,15 @@ def classes(
     fits = list({s.fit.hypothesis.key: s.fit for s in [*reversed(pool), reference, pool[0]]}.values())
     fits = [f for f in fits if (f.likelihood is None) == (pool[0].fit.likelihood is None)]
     costs = np.array([scores.telling(f) for f in fits])
+    prior = np.array([f.prior + f.hypothesis.size for f in fits])
+    if scores.missed_anyway:
+        # The data tell nothing then: hypotheses are as likely as they were before.
+        costs, prior = np.where(np.isfinite(costs), 0.0, costs), np.array([f.hypothesis.size for f in fits])
     number = np.array([len(f.hypothesis.effects) for f in fits])
     evidence = Evidence(
         np.zeros(len(fits), np.int64),
         by_block(costs, blocks),
-        np.array([f.prior + f.hypothesis.size for f in fits]),
+        prior,
         np.array([surprise(f, sites) for f in fits]) + np.log(max(len(sites), 1)) * number,
         np.array([f.hypothesis.implausible(f.x) for f in fits]),
         gain,

@@ -52,6 +52,8 @@ class Scores:
     def __init__(self, fitter: Fitter, seed: int = 0, left: float = math.inf) -> None:
         """``left``: [noise floors] that a robot which is wholly explained leaves in a channel at most, where known."""
         self._fitter, self._seed, self._left = fitter, seed, left
+        self.missed_anyway = False
+        """Whether all that hypotheses gain is in what the model misses of the robot when it is well."""
         windows = fitter.windows
         scored = np.flatnonzero(windows.fold >= 0)
         blocks = np.unique(windows.block[scored])
