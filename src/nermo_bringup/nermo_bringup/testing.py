@@ -106,7 +106,7 @@ def _run_pytest(root: Path, folder: Path, quick: bool, pytest_arguments: Sequenc
     ) -> tuple[subprocess.Popen[bytes], Path]:
         report = folder / f"{marker.replace(' ', '_')}.xml"
         markers = f"{marker} and not slow" if quick else marker
-        command = [*before, sys.executable, "-m", "pytest", "-q", "--durations=5", "-m", markers, *options]
+        command = [*before, sys.executable, "-m", "pytest", "-q", "--durations=20", "-m", markers, *options]
         command += [f"--junitxml={report}", *pytest_arguments]
         return subprocess.Popen(command, cwd=root, stdout=told, stderr=told), report
 

@@ -15,7 +15,6 @@ import pytest
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_the_demo_walks_the_whole_graph_and_leaves_nothing_running(tmp_path: Path) -> None:
     """The rclpy graph as a user starts it."""
     out, results = tmp_path / "demo", tmp_path / "demo.json"
@@ -36,7 +35,7 @@ def test_the_demo_walks_the_whole_graph_and_leaves_nothing_running(tmp_path: Pat
     assert not processes_with(out)
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.long
 def test_a_demo_that_is_terminated_leaves_nothing_running(tmp_path: Path) -> None:
     out = tmp_path / "demo"
     demo = subprocess.Popen(

@@ -22,7 +22,7 @@ from nermo_track.bench.walk import Walk
 from nermo_track.camera import Camera, save_camera
 from nermo_track.layout import load_layout
 
-pytestmark = pytest.mark.timeout(600)  # a whole graph
+pytestmark = pytest.mark.long  # a whole graph
 
 
 def only(name: str, case: str) -> str:

@@ -56,7 +56,7 @@ DIES_WITH_US = lead_own_life(os.getpid())
 
 pytestmark = [
     pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="no Chromium or Chrome"),
-    pytest.mark.timeout(900),
+    pytest.mark.long,
 ]
 
 

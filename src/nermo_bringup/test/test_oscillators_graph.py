@@ -11,7 +11,7 @@ from rosgraph_msgs.msg import Clock
 from nermo_interfaces.msg import ControlCommand, LegLoads, LegStates, MotionCommand
 from nermo_node import qos
 
-pytestmark = pytest.mark.timeout(900)  # a whole graph
+pytestmark = pytest.mark.long  # a whole graph
 
 MOUSE = (
     "nermo_control.nodes.gait_knowledge_base",

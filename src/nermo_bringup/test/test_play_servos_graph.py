@@ -12,7 +12,7 @@ from nermo_bringup.launch.running_graph import running_graph
 from nermo_interfaces.msg import ServoCommand, ServoStates
 from nermo_node import qos
 
-pytestmark = pytest.mark.timeout(900)  # a whole graph
+pytestmark = pytest.mark.long  # a whole graph
 
 PATIENCE_S = 240.0
 TOLD, BENT, UP = -0.4, -0.1, 0.0

@@ -27,7 +27,7 @@ from nermo_gap.protocol.scene import scene_of, segments
 from nermo_gap.robots.channels import TRACKER
 from nermo_node import qos
 
-pytestmark = pytest.mark.timeout(900)  # whole graphs, one after another
+pytestmark = pytest.mark.long  # whole graphs, one after another
 
 ROBOT = load_robot("nermo_lite")
 SHORT = """

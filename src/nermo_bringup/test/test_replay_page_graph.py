@@ -77,7 +77,7 @@ def until(condition: Callable[[], bool], what: str) -> None:
 
 
 @pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="no Chromium or Chrome")
-@pytest.mark.timeout(600)
+@pytest.mark.long
 def test_a_recording_is_seen_in_the_browser_again_and_again(address: str, walk: Path) -> None:
     path = next(found for name in BROWSERS if (found := shutil.which(name)))
     with sync_playwright() as playwright:

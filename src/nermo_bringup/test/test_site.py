@@ -49,7 +49,7 @@ def _copy(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.long
 def test_the_site_builds_strictly(zensical: Path, tmp_path: Path) -> None:
     built = _run(zensical, "build", "--strict", "--clean", cwd=_copy(tmp_path))
     assert built.returncode == 0, built.stdout + built.stderr
@@ -72,7 +72,7 @@ def test_every_public_module_of_simgap_is_in_the_reference_once() -> None:
     assert len(named) == len(set(named))
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.long
 def test_a_link_to_nowhere_is_no_site(zensical: Path, tmp_path: Path) -> None:
     with (_copy(tmp_path) / "docs" / "tutorial.md").open("a", encoding="utf-8") as page:
         page.write("\n[nowhere](nowhere.md)\n")

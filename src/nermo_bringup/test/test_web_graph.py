@@ -38,7 +38,7 @@ SMALL = {"width": 800, "height": 420}
 
 pytestmark = [
     pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="no Chromium or Chrome"),
-    pytest.mark.timeout(900),
+    pytest.mark.long,
 ]
 
 

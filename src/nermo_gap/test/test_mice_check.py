@@ -195,7 +195,7 @@ def _three_steps(robot: RobotParameters, markers: bool = False) -> Protocol:
     return Protocol("short", (Segment("walking", "floor", "Set the mouse down.", pieces),))
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.long
 def test_a_mouse_is_recorded_sealed_diagnosed_behind_bars_and_scored(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -248,7 +248,7 @@ def test_a_weak_knee_is_told_from_its_neighbour_and_on_stiff_legs_its_size_found
         assert own.x[0] == pytest.approx(0.6, abs=0.03), own.z
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.long
 def test_a_whole_diagnosis_finds_slippery_ground_and_hands_it_on(tmp_path: Path) -> None:
     def slippery(model: mujoco.MjModel) -> None:
         model.geom_friction[:, 0] *= 0.4

@@ -183,7 +183,7 @@ def test_the_same_case_gives_the_same_bytes() -> None:
     assert all(np.array_equal(one.columns[c], two.columns[c]) for c in one.columns)
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.long
 def test_a_small_check_is_made_diagnosed_and_scored(tmp_path: Path) -> None:
     """Six sealed cases from end to end, each diagnosed by a process of its own with the whole library."""
     folder, answers, out = tmp_path / "check", tmp_path / "sealed", tmp_path / "results"
@@ -225,7 +225,7 @@ def test_results_of_another_check_are_neither_gone_on_with_nor_scored(tmp_path: 
     assert score(folder, answers, out)["scored"] == 1
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.long
 def test_an_interrupted_run_ends_at_once_and_keeps_what_is_done(tmp_path: Path) -> None:
     folder, answers, out = tmp_path / "check", tmp_path / "sealed", tmp_path / "results"
     make(folder, answers, 6, seed=SMALL_CHECK, robots=("pendulum",), seconds=6.0, workers=2)

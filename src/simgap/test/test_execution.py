@@ -81,7 +81,7 @@ def _files(folder: Path) -> list[str]:
     return ["--model", str(folder / "arm.xml"), "--map", str(folder / "map.yaml"), "--only", "viscous_friction"]
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.long
 def test_each_recording_is_diagnosed_by_itself(tmp_path: Path) -> None:
     words = ["diagnose", *(str(tmp_path / f"{n}.csv") for n in ("well", "stiff", "none")), "--each", "--no-baselines"]
     answer = CliRunner().invoke(app, [*words, *_files(tmp_path), "--workers", "2", "--out", str(tmp_path / "each")])

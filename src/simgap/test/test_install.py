@@ -66,7 +66,7 @@ def test_the_wheel_holds_all_it_needs_and_asks_for_little(wheel: Path) -> None:
         assert any(line.startswith(package) for line in extras[extra]), package
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.long
 def test_a_bare_environment_has_all_commands(wheel: Path, tmp_path: Path) -> None:
     environment, python = tmp_path / "bare", tmp_path / "bare" / "bin" / "python"
     _run(UV, "venv", "--quiet", "--python", sys.executable, environment, cwd=tmp_path)

@@ -393,7 +393,6 @@ def span(page: Any) -> float:
 
 @browsed
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_the_page_follows_a_diagnosis_to_its_end_and_keeps_all_of_it(browser: Any, arm: Path, tmp_path: Path) -> None:
     diagnosis = Diagnosis(arm, tmp_path)
     page, errors = opened(browser, diagnosis.address, WIDE)
@@ -447,7 +446,6 @@ def test_the_page_follows_a_diagnosis_to_its_end_and_keeps_all_of_it(browser: An
 
 @browsed
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_nothing_is_lost_when_the_browser_closes(browser: Any, arm: Path, tmp_path: Path) -> None:
     diagnosis = Diagnosis(arm, tmp_path, "--budget", "5")
     page, _ = opened(browser, diagnosis.address, WIDE)

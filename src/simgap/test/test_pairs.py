@@ -35,7 +35,7 @@ from simgap.simulation.scales import measure_scales
 from simgap.simulation.variant import Variant
 from simgap.simulation.windows import cut
 
-pytestmark = pytest.mark.timeout(900)  # minutes of computing on a slow machine
+pytestmark = pytest.mark.long  # minutes of computing on a slow machine
 
 
 def _names(found: Diagnosis) -> set[str]:

@@ -28,7 +28,7 @@ from simgap.simulation.variant import Variant
 from simgap.simulation.windows import cut
 
 Array = NDArray[np.float64]
-pytestmark = pytest.mark.timeout(900)  # minutes of computing on a slow machine
+pytestmark = pytest.mark.long  # minutes of computing on a slow machine
 
 
 def _lossy(table: dict[str, Array]) -> dict[str, Array]:

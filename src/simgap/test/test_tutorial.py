@@ -30,7 +30,6 @@ def _commands() -> list[tuple[str, list[str]]]:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_the_commands_of_the_tutorial_do_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     commands = _commands()
