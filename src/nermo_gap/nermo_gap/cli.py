@@ -150,12 +150,13 @@ def _diagnosed(
 ) -> Diagnosis:
     """Of another robot than the mouse."""
     from simgap.analysis.diagnose import diagnose
+    from simgap.data.corrected import original
     from simgap.data.mapping import load_map
     from simgap.data.plant import build_plant, load_spec
     from simgap.data.recording import load_recording
 
     plant = build_plant(load_spec(model), load_map(map_))
-    options.reference = [load_recording(r, plant) for r in reference]
+    options.corrects, options.reference = original(plant.map), [load_recording(r, plant) for r in reference]
     return diagnose([load_recording(r, plant) for r in recordings], plant, options)
 
 

@@ -45,6 +45,7 @@ def diagnose_files(wanted: Wanted, say: Say | None = None, staged: Callable[[Sta
     """
     from simgap.analysis.diagnose import diagnose
     from simgap.analysis.options import Options
+    from simgap.data.corrected import original
     from simgap.data.mapping import load_map
     from simgap.data.plant import build_plant, load_spec
     from simgap.data.recording import load_recording
@@ -66,6 +67,7 @@ def diagnose_files(wanted: Wanted, say: Say | None = None, staged: Callable[[Sta
         wanted.only,
         say,
         budget=wanted.budget,
+        corrects=original(plant.map),
         reference=[load_recording(r, plant) for r in wanted.reference],
         staged=staged,
     )

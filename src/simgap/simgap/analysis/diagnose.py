@@ -41,7 +41,7 @@ from simgap.inference.nuisance import BOX
 from simgap.inference.select import Selection, Selector
 from simgap.inference.stochastic_link import PATTERN
 from simgap.inference.structure import REPEATS, predictable_share, repeating_share
-from simgap.inference.verdict import Verdict, judge
+from simgap.inference.verdict import Verdict, judge, written
 
 Array = NDArray[np.float64]
 
@@ -108,7 +108,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     if verdict.kind in ("no_gap", "calibration") and not excited(plant, aligned, floor):
         verdict.kind, verdict.reasons = "unknown", [NOTHING_MOVED]
         verdict.open = [*(s.fit for s in selection.singles[:2]), selection.reference.fit]
-    if verdict.kind == "unknown":
+    if verdict.kind in ("unknown", "partial"):
         share, frequency = repeating_share(residuals, selection.best.fit.residual)
         # A gait repeats too, and with it whatever is wrong with it; commands and motion predict that.
         if share > REPEATS and structure < PATTERN:
@@ -231,6 +231,7 @@ def _report(
         | {"rivals_deg": verdict.angles, "confusion": confusion(fitter, contenders, options.seed)},
         "unexplained_predictable_share": structure,
         "nuisances": {n.name: float(z) for n, z in zip(fitter.nuisances, best.fit.z, strict=True) if abs(z) > 0.05},
+        "corrects": _corrects(selector, selection),
         "baselines": _baselines(fitter, selector, selection, options),
         "next_experiment": None,
         "heldout": {
@@ -243,6 +244,24 @@ def _report(
             "given": list(aligned.held_out),
         },
         "noise_floor": {plant.outputs[i].name: float(floor[i]) for i in range(len(floor))},
+    }
+
+
+def _corrects(selector: Selector, selection: Selection) -> dict[str, Any] | None:
+    """What the model before its correction leaves of this recording, its numbers fitted; None of one that has none."""
+    before, scores = selection.before, selector.scores
+    if before is None:
+        return None
+    typical = {
+        "before": scores.typical(before.fit.held),
+        "nuisances_only": scores.typical(selection.reference.fit.held),
+    }
+    return {
+        "gap": {"before": before.gap, "nuisances_only": selection.reference.gap},
+        "typical": typical,
+        "explained": written(scores, selection),
+        "gain": scores.written,
+        "gain_unit": scores.unit,
     }
 
 

@@ -66,6 +66,10 @@ class Options:
     budget: float | None = None
     """[s] that the diagnosis may take; no limit where None."""
 
+    corrects: Plant | None = None
+    """The model as it was before `simgap apply` wrote into it what an earlier diagnosis had found, where it did: a
+    further cause is judged beside that."""
+
     reference: Sequence[Recording] = ()
     """Recordings of the same robot when it was well: the fault is what is new."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from simgap.analysis.options import Options
 from simgap.analysis.stages import Checked, leading, located
 from simgap.analysis.torque_balance import Balance
 from simgap.data.align import Aligned, align
+from simgap.data.corrected import as_read_by
 from simgap.data.excitation import still_joints
 from simgap.data.noise_floor import noise_floor
 from simgap.data.plant import Plant
@@ -75,7 +76,8 @@ def search(
     Raises:
         GapInputError: the recordings cannot be used, or contradict the map.
     """
-    aligned = align(concatenate(list(recordings)), plant)
+    recording, given = concatenate(list(recordings)), plant
+    aligned = align(recording, plant)
     floor = np.maximum(noise_floor(aligned), [options.resolution.get(o.name, 0.0) for o in plant.outputs])
     warnings = [*plant.warnings, *aligned.warnings]
     state = measured_state(plant, aligned, floor)
@@ -113,6 +115,13 @@ def search(
     check_replay(plant, aligned.outputs[windows.rows()], replayer.run([nominal])[0])
     residuals = Residuals.build(replayer, nominal)
     fitter = Fitter(residuals, nuisances, nominal)
+    before = None
+    if options.corrects is not None and not well:
+        first = finer(self_contact.without_needless_contacts(options.corrects, state), options.finer)
+        read = align(as_read_by(options.corrects, recording, given), first)
+        same = Replayer(first, read, replayer.windows, floor, options.threads)
+        # What of a window is its start's error, or its measured inputs', is judged by the better model for both.
+        before = Fitter(replace(residuals, replayer=same), nuisances_of(first), Variant.nominal(first))
     effort = options.effort or (Effort() if light(plant.model) else HEAVY)
     near, balanced = borders(plant, aligned, floor), torque_balance.balances(plant, aligned, state)
     spoken = [*torque_balance.hints(balanced, context.switched), *hints(near)]
@@ -128,6 +137,7 @@ def search(
         spoken,
         (lambda found: options.tell(leading(selector.scores, found))) if options.staged else None,
         options.left,
+        before,
     )
     selection = selector.run()
     if not budget.left_out:

@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from simgap.correction.changes import Signal
+from simgap.data.corrected import from_folder, origin
 from simgap.data.errors import GapInputError
 from simgap.data.mapping import Map, load_map, parse_map
 from simgap.data.plant import build_plant, load_spec
@@ -18,7 +19,7 @@ from simgap.data.plant import build_plant, load_spec
 def write_map(source: Path, signals: Sequence[Signal], out: Path, model: Path, corrected: Path) -> None:
     """Write the map ``source`` to ``out`` with these signals for its own, and gains of the robot's controllers anew.
 
-    Comments and layout of other keys stay.
+    It names model and map that diagnoses began with (`corrects`). Comments and layout of other keys stay.
 
     Raises:
         GapInputError: map or models cannot be read, are not those of the diagnosis, or ``out`` cannot be written.
@@ -40,10 +41,14 @@ def write_map(source: Path, signals: Sequence[Signal], out: Path, model: Path, c
     if any(gains[name] != {"kp": row.kp, "kd": row.kd} for name, row in mapping.gains.items()):
         text = _with(text, "gains", gains)
     text = _with(text, "signals", rows)
-    if not _means(text, mapping, gains, rows, source):
+    first = {k: from_folder(p, out.parent) for k, p in zip(("model", "map"), origin(model, source), strict=True)}
+    text = _with(text, "corrects", first)
+    if not _means(text, mapping, gains, rows, first, source):
         # A map whose keys do not each begin a line.
         found = yaml.safe_load(source.read_text(encoding="utf-8"))
-        text = yaml.safe_dump({**found, **({"gains": gains} if gains else {}), "signals": rows}, sort_keys=False)
+        text = yaml.safe_dump(
+            {**found, **({"gains": gains} if gains else {}), "signals": rows, "corrects": first}, sort_keys=False
+        )
     try:
         out.write_text(text, encoding="utf-8")
     except OSError as error:
@@ -76,15 +81,19 @@ def _with(text: str, key: str, value: object) -> str:
     return bare.rstrip("\n") + "\n" + lines
 
 
-def _means(text: str, old: Map, gains: dict[str, Any], rows: Sequence[dict[str, Any]], source: Path) -> bool:
-    """Whether a text is the old map with these gains and signals."""
+def _means(
+    text: str, old: Map, gains: dict[str, Any], rows: Sequence[dict[str, Any]], first: dict[str, str], source: Path
+) -> bool:
+    """Whether a text is the old map with these gains and signals, and from where."""
     try:
         new = parse_map(yaml.safe_load(text), str(source))
     except (yaml.YAMLError, GapInputError, TypeError):
         return False
-    wanted = old.model_dump(exclude={"gains", "signals"})
+    others = {"gains", "signals", "corrects"}
     return (
-        new.model_dump(exclude={"gains", "signals"}) == wanted
+        new.model_dump(exclude=others) == old.model_dump(exclude=others)
+        and new.corrects is not None
+        and new.corrects.model_dump() == first
         and {name: {"kp": row.kp, "kd": row.kd} for name, row in new.gains.items()} == gains
         and [row.model_dump() for row in new.signals] == list(rows)
     )

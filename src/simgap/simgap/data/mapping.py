@@ -244,6 +244,13 @@ class SignalRow(_Row):
         return self
 
 
+class CorrectsRow(_Row):
+    """What a corrected model was made from, as `simgap apply --map` writes it: files, from the map's own folder."""
+
+    model: str
+    map: str
+
+
 class Map(_Row):
     """A whole MAP.yaml (see docs/gap.md for an example)."""
 
@@ -255,6 +262,7 @@ class Map(_Row):
     auxiliary: tuple[AuxiliaryRow, ...] = ()
     enabled: EnabledRow | None = None
     signals: tuple[SignalRow, ...] = ()
+    corrects: CorrectsRow | None = None
     source: str = Field(default="map", exclude=True)
 
     @model_validator(mode="before")

@@ -184,8 +184,11 @@ def earns(
 
     Of one effect more, a good part of what is left above the noise floor is asked, or of what the ``first`` effect
     earned [nats]: nothing is quite as its model says (a friction's law, a servo's), and there is always some effect
-    that takes a little of that; not of one that is ``unrivalled``.
+    that takes a little of that; not of one that is ``unrivalled``. Of a corrected model every effect is one more.
     """
+    several = bool(without.fit.hypothesis.effects) or scores.written > 0.0
+    if scores.written > 0.0:
+        first = max(scores.written, first) if np.isfinite(first) else scores.written
     gain, low, _ = scores.difference(without.fit, with_.fit)
     if without.fit.likelihood is None and with_.fit.likelihood is None:
         # In sample flatters: what is not earned there is an accident of the folds.
@@ -193,15 +196,17 @@ def earns(
     strain = without.fit.prior - with_.fit.prior
     before, after = (scores.left(s.fit) for s in (without, with_))
     shares = [(measure(before), measure(after)) for measure in (scores.typical, scores.overall)]
-    if without.fit.hypothesis.effects:
+    if several:
         relevant = any(less - 1.0 < (1.0 - MORE) * (much - 1.0) for much, less in shares)
         relevant |= gain > FURTHER * first
-        relevant |= unrivalled or (bool(without.fit.strained) and strain > EVIDENCE)
+        # About corrected numbers strain says nothing: they are where a fit ended, and not what anybody drew.
+        strained = bool(without.fit.strained) and strain > EVIDENCE and scores.written == 0.0
+        relevant |= unrivalled or strained
     else:
         shares.append((scores.gap(before), scores.gap(after)))
         relevant = any(less < (1.0 - RELEVANT) * much for much, less in shares) or strain > EVIDENCE
         relevant |= any(less - 1.0 < (1.0 - MOST) * (much - 1.0) for much, less in shares if much > 1.0)
-    several, price = bool(without.fit.hypothesis.effects), float(np.log(max(looked_at, 1)))
+    price = float(np.log(max(looked_at, 1)))
     if gain <= max((EVIDENCE_MORE if several else EVIDENCE) + price, BEST_OF_SEVERAL * scores.roughness):
         return False
     # What shows in two pieces of a recording only is left out by many draws of blocks, but no accident of one of them.

@@ -64,6 +64,8 @@ class Scores:
         self.draws: Array = np.zeros((BOOTSTRAPS + 1, len(windows)))
         self.draws[0, scored] = 1.0
         self.draws[1:, scored] = times[:, np.searchsorted(blocks, windows.block[scored])]
+        self.written = 0.0
+        """What earlier causes earned that are written into the model by now [nats]; 0 where there are none."""
         self._reference = math.nan
         self._stretches: Stretches | None = None
 

@@ -71,6 +71,7 @@ class Selection:
         singles, rivals: scored fits, best first; rivals are those of the winner's size.
         gains: (mean, 5 %, 95 %) of the score that each accepted effect earned when it was added.
         unrivalled: further effects that took far more than any other would have in their place.
+        before: the model that a corrected one came from, with its numbers fitted.
         rejected: (names of the effects, nats that it gained, nats that were asked) of the best further effect that was
             looked at and did not earn its place.
     """
@@ -83,6 +84,7 @@ class Selection:
     gains: list[tuple[float, float, float]] = field(default_factory=list)
     screened: list[Screened] = field(default_factory=list)
     unrivalled: set[str] = field(default_factory=set)
+    before: Scored | None = None
     rejected: tuple[str, float, float] | None = None
 
 
@@ -100,8 +102,10 @@ class Selector:
         hints: Sequence[Hint] = (),
         heard: Callable[[Selection], None] | None = None,
         left: float = math.inf,
+        before: Fitter | None = None,
     ) -> None:
-        self._hints, self._heard = list(hints), heard
+        """``before``: of the model that this one corrects, in the same windows."""
+        self._hints, self._heard, self._before = list(hints), heard, before
         self._effort, self.budget = effort or Effort(), budget or Budget()
         self.fitter, self.effects, self.scores, self.seed = fitter, list(effects), Scores(fitter, seed, left), seed
         fitter.budget = self.budget
@@ -127,8 +131,12 @@ class Selector:
         """
         fitter = self.fitter
         self.candidates.say("nuisances", 0.0)
-        reference = self.scores.scored(fitter.cross_validate(fitter.fit_nuisances()))
-        self._found = Selection(reference, self._nominal_gap(), reference)
+        fit = fitter.fit_nuisances()
+        before = self._uncorrected()
+        reference = self.scores.scored(fitter.cross_validate(fit))
+        if before is not None:
+            self.scores.written = max(self.scores.difference(before.fit, reference.fit)[0], 0.0)
+        self._found = Selection(reference, self._nominal_gap(), reference, before=before)
         try:
             with self.budget.until(SEARCH):
                 begun = self._begun_near(self._found)
@@ -149,6 +157,16 @@ class Selector:
         if self._heard:
             self._heard(found)
         return found
+
+    def _uncorrected(self) -> Scored | None:
+        """The model that this one corrects, with its numbers fitted, by the same likelihood."""
+        if self._before is None:
+            return None
+        self._before.budget = self.budget
+        fit = self._before.fit_nuisances()
+        # One count of independent samples for both.
+        self._before.likelihood = self.fitter.likelihood
+        return self.scores.scored(self._before.cross_validate(fit))
 
     @property
     def _found(self) -> Selection:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from simgap.inference.decision import Class, Evidence, classes, names
 from simgap.inference.hypothesis import Fit
-from simgap.inference.model_selection import places
+from simgap.inference.model_selection import earns, places
 from simgap.inference.nuisance import BOX
 from simgap.inference.scores import Scored, Scores
 from simgap.inference.screen import angle, projected_response
@@ -71,14 +71,11 @@ def judge(selector: Selector, selection: Selection) -> Verdict:
     found, evidence = classes(pool, reference, gain, places(selector.effects), scores, blocks, selector.seed)
     verdict = Verdict("no_gap", best, classes=found, evidence=evidence)
     verdict.probability = sum(c.probability for c in found if c.holds(names(best.fit)))
-    verdict.explained = max(
-        _explained(before, after)
-        for before, after in (
-            (scores.typical(selector.nominal_square), scores.typical(best.fit.held)),
-            (selection.nominal_gap, best.gap),
-        )
-    )
+    verdict.explained = _from_nominal(selector, selection, best)
     if best is reference:
+        if scores.written > 0.0:
+            # A cause that would take a trifle beside those that the model has contradicts no such verdict.
+            verdict.probability += sum(c.probability for c in found if c.names and _trifle(selector, selection, c))
         _without_effect(verdict, selector, selection)
     else:
         _with_effects(verdict, selector, selection)
@@ -90,6 +87,30 @@ def judge(selector: Selector, selection: Selection) -> Verdict:
 def _explained(before: float, after: float) -> float:
     """Share of a gap above one noise floor that is gone."""
     return float(np.clip(1.0 - max(after - 1.0, 0.0) / max(before - 1.0, 1e-9), 0.0, 1.0))
+
+
+def _taken(scores: Scores, before: Scored, after: Scored) -> float:
+    """Share of the gap that one fit leaves which is gone with the other, in a typical window or over all."""
+    typical = _explained(scores.typical(before.fit.held), scores.typical(after.fit.held))
+    return max(typical, _explained(before.gap, after.gap))
+
+
+def _from_nominal(selector: Selector, selection: Selection, after: Scored) -> float:
+    """The same of what the model leaves as it is."""
+    scores = selector.scores
+    typical = _explained(scores.typical(selector.nominal_square), scores.typical(after.fit.held))
+    return max(typical, _explained(selection.nominal_gap, after.gap))
+
+
+def written(scores: Scores, selection: Selection) -> float:
+    """Share of the gap that causes explain which an earlier diagnosis found, and which the model has by now."""
+    return _taken(scores, selection.before, selection.reference) if selection.before else 0.0
+
+
+def _trifle(selector: Selector, selection: Selection, one: Class) -> bool:
+    """Whether causes would not earn their place beside what the model has."""
+    likeliest = selector.scores.scored(one.fits[0])
+    return not earns(selector.scores, selection.reference, likeliest, len(selector.effects))
 
 
 def remains(scores: Scores, square: Array) -> bool:
@@ -106,14 +127,21 @@ def _without_effect(verdict: Verdict, selector: Selector, selection: Selection) 
     left = f"{reference.gap:.1f} noise floors are left, {worst:.1f} in the worst channel"
     moved = ", ".join(selector.fitter.nuisances[i].name for i in reference.fit.strained)
     if remains(scores, held):
-        verdict.kind = "partial" if verdict.explained >= MOST else "unknown"
+        share = written(scores, selection)
+        verdict.kind = "partial" if max(verdict.explained, share) >= MOST else "unknown"
         verdict.open = [s.fit for s in selection.singles[:2]] + [reference.fit]
         verdict.reasons.append(
             f"no known effect earns its place, yet a gap of {reference.gap:.1f} noise floors remains ({typical:.1f} in "
             f"a typical window, {worst:.1f} in the worst channel); nominal numbers within their tolerances explain "
             f"{100 * verdict.explained:.0f} % of what there was"
         )
-    elif moved or remains(scores, selector.nominal_square):
+        if selection.before:
+            verdict.reasons.append(
+                f"what an earlier diagnosis found and the model has by now explains {100 * share:.0f} % of what the "
+                "model before it leaves of this recording, its numbers fitted"
+            )
+    elif (moved and scores.written == 0.0) or remains(scores, selector.nominal_square):
+        # Corrected numbers are where a fit ended: that they might move on is told, and is no verdict.
         verdict.kind = "calibration"
         verdict.reasons.append(
             f"nominal numbers within their tolerances explain {100 * verdict.explained:.0f} % of the gap: {left}"
@@ -133,9 +161,7 @@ def _with_effects(verdict: Verdict, selector: Selector, selection: Selection) ->
     verdict.kind = "effect"
     verdict.equivalent = _equivalents(selector, selection, verdict)
     doubts = _doubts(selector, selection)
-    typical, reference_typical = (scores.typical(s.fit.held) for s in (best, reference))
-    pairs = (reference_typical, typical), (reference.gap, best.gap)
-    by_causes = max(_explained(before, after) for before, after in pairs)
+    typical, by_causes = scores.typical(best.fit.held), _taken(scores, reference, best)
     more = typical > UNEXPLAINED or scores.leaves_more(best.fit.held)
     incomplete = typical > MUCH or (more and by_causes < 1.0 - REST)
     hidden = _hidden(selector, selection)
@@ -209,10 +235,7 @@ def _name_what_rivals_share(verdict: Verdict, selector: Selector, selection: Sel
     if not common or not fits:
         return
     kept, scores, reference = min(fits, key=lambda s: s.score), selector.scores, selection.reference
-    explained = max(
-        _explained(scores.typical(reference.fit.held), scores.typical(kept.fit.held)),
-        _explained(reference.gap, kept.gap),
-    )
+    explained = _taken(scores, reference, kept)
     if explained < MOST:
         return
     further = ", ".join(" + ".join(sorted(names(f) - common)) for f in verdict.open if names(f) > common)
@@ -221,10 +244,7 @@ def _name_what_rivals_share(verdict: Verdict, selector: Selector, selection: Sel
         f"{kept.key} explains {100 * explained:.0f} % of what nominal numbers leave, and every hypothesis that is "
         f"likely has it; of what is left some is explained by one of {further}: this recording does not tell which"
     ]
-    verdict.explained = max(
-        _explained(scores.typical(selector.nominal_square), scores.typical(kept.fit.held)),
-        _explained(selection.nominal_gap, kept.gap),
-    )
+    verdict.explained = _from_nominal(selector, selection, kept)
     selection.best, selection.gains = kept, [scores.difference(reference.fit, kept.fit)]
     selection.rivals = [kept, *(s for s in selection.rivals if s is not kept)]
 

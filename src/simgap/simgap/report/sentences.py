@@ -43,6 +43,11 @@ def title(report: Report) -> str:
     if report["verdict"] == "partial" and names:
         one = len(report["effects"]) == 1
         return f"{names} explain{'s' if one else ''} most of it, {percent(_left(report))} stays unexplained"
+    before = (report.get("corrects") or {}).get("explained", 0.0)
+    if report["verdict"] == "partial" and before >= _GOOD_SHARE:
+        return f"What the model was corrected for explains {percent(before)} of the gap, the rest has no name"
+    if report["verdict"] == "partial":
+        return f"Numbers of the model explain most of it, {percent(_left(report))} stays unexplained"
     if report["verdict"] == "unknown" and names and _left(report) < _GOOD_SHARE:
         return f"Not settled: {names[:1].lower() + names[1:]} explains it best"
     return TITLES[report["verdict"]]
@@ -50,7 +55,7 @@ def title(report: Report) -> str:
 
 def sentences(report: Report) -> list[str]:
     """Where, what, how far in short windows and running free; what is left; which numbers sit at their limits."""
-    parts = (where, what, how_far, free, longer, agreed, left, beside, limits)
+    parts = (where, what, corrected, how_far, free, longer, agreed, left, beside, limits)
     return [text for part in parts if (text := part(report))]
 
 
@@ -88,6 +93,10 @@ def what(report: Report) -> str:
             # The page lists all doubts; the first is enough beside the cause.
             return f"What explains most is {text}. It is not settled: {reasons[0]}."
         return f"The cause is not settled: {'; '.join(reasons)}."
+    if verdict == "partial" and not text:
+        moved = "; ".join(_number(row) for row in report["calibration"][:3])
+        numbers = f" Numbers of the model that moved: {moved}." if moved else ""
+        return f"No cause earns its place; what is left is explained by nothing that is known.{numbers}"
     if verdict == "partial":
         return (
             f"Most of it is caused by {text}; {percent(_left(report))} of the gap's power is explained by nothing that "
@@ -105,6 +114,21 @@ def what(report: Report) -> str:
     if not rivals:
         return f"It is caused by {found}. Beside it {beside} may act: this recording cannot tell whether it does."
     return f"It is caused by {found}. Beside it there is {beside}, which this recording cannot tell apart from {alike}."
+
+
+def corrected(report: Report) -> str:
+    """What the correction of the model is worth in this recording, of one that was corrected."""
+    found = report.get("corrects")
+    if not found:
+        return ""
+    if found["gain"] <= 0.0:
+        return "The model as it was before it was corrected predicts this recording no worse."
+    gap = found["gap"]
+    return (
+        f"What an earlier diagnosis found is in the model by now: it takes the gap from {gap['before']:.1f} to "
+        f"{gap['nuisances_only']:.1f} times the noise floor here, numbers fitted, "
+        f"{percent(found['explained'])} of what is above it, and a further cause is judged beside that."
+    )
 
 
 def _settled(report: Report) -> list[dict[str, Any]]:
