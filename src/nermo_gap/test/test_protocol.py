@@ -24,7 +24,7 @@ from nermo_gap.protocol.play import Body, play
 from nermo_gap.protocol.record import record
 from nermo_gap.protocol.recorded import read
 from nermo_gap.protocol.scene import SCENE_FILE, scene_of, segments
-from nermo_gap.protocol.standard import PROTOCOLS, standard
+from nermo_gap.protocol.standard import PROTOCOLS, clock, protocol_of, standard
 from nermo_gap.protocol.types import REST, Piece, Protocol, Segment, Wave
 from nermo_gap.robots.channels import MARKERS, TRACKER, command, marker
 from nermo_gap.robots.diagnosis import placed, robot_plant
@@ -85,6 +85,16 @@ def test_a_mouse_whose_servos_say_nothing_hangs_for_its_spine_alone() -> None:
     assert names["nermo_lite"] == ["hang", "spine", "spine back"] and {"hips slowly", "spine"} < set(names["nermo"])
     seen = standard(load_robot("nermo_lite"), markers=True).segments[0].pieces
     assert [p.name for p in seen] == names["nermo"], "with markers at its feet each leg is seen"
+
+
+@pytest.mark.parametrize("name", sorted(PROTOCOLS))
+def test_a_walk_that_is_filmed_begins_with_what_tells_the_clock(name: str) -> None:
+    robot = load_robot("nermo_lite")
+    plain, filmed = (protocol_of(name, robot, filmed=f).segments for f in (False, True))
+    assert [s.name for s in plain] == [s.name for s in filmed]
+    for one, other in zip(plain, filmed, strict=True):
+        added = [clock()] if one.name == "walking" else []
+        assert [*other.pieces] == [*added, *one.pieces]
 
 
 def test_markers_are_where_they_are_glued_and_are_not_always_seen() -> None:

@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel, ValidationError
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_typestore
 
+from nermo_description.parameter_files import ParameterError, read_yaml
 from nermo_node.recording_reader import Recording, RecordingError
 from nermo_track.commands import Commands
 from nermo_track.fuse import Poses
@@ -23,6 +25,8 @@ from nermo_track.fuse import Poses
 ODOMETRY = "nav_msgs/msg/Odometry"
 TOPIC = "tracker/odom"
 """Where `nermo gap diagnose` looks for the pose of base_link, below the mouse's namespace."""
+SCENE, CLOCK_PIECE = "scene.yaml", "clock"
+"""Beside the recording of a protocol's segment: which pieces were played when. The one of this name tells the clock."""
 INNER = "recording"
 """Folder of the recording within that of a protocol's segment."""
 
@@ -40,6 +44,37 @@ class Source:
         """What lies at a path."""
         inner = path / INNER
         return cls(inner, path) if inner.is_dir() and not list(path.glob("*.mcap")) else cls(path, None)
+
+
+class _Piece(BaseModel):
+    name: str
+    begin: float
+    end: float
+
+
+class _Scene(BaseModel):
+    """What is read of it here."""
+
+    begun: int | None = None
+    """[ns] Stamp from which pieces count."""
+    pieces: tuple[_Piece, ...] = ()
+
+
+def clock_piece(source: Source, commands: Commands) -> tuple[float, float] | None:
+    """From when to when [s], since the first command, a segment's mouse did what tells a film's clock; None if never.
+
+    Raises:
+        RecordingError: the segment's scene cannot be read.
+    """
+    file = source.segment / SCENE if source.segment is not None else None
+    if file is None or not file.is_file():
+        return None
+    try:
+        scene = _Scene.model_validate(read_yaml(file))
+    except (ParameterError, ValidationError) as error:
+        raise RecordingError(f"{file}: is no scene of a protocol ({' '.join(str(error).split())})") from error
+    lead = 0.0 if scene.begun is None else (scene.begun - int(commands.stamp[0])) * 1e-9
+    return next(((lead + p.begin, lead + p.end) for p in scene.pieces if p.name == CLOCK_PIECE), None)
 
 
 def write_beside(source: Source, recording: Recording, commands: Commands, poses: Poses, out: Path) -> str:

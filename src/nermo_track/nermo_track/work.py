@@ -19,7 +19,7 @@ from nermo_track.errors import TrackError
 from nermo_track.film import Film
 from nermo_track.fuse import REACH, Disagreement, Poses, fuse
 from nermo_track.layout import Layout
-from nermo_track.recording import Source, write_beside
+from nermo_track.recording import Source, clock_piece, write_beside
 from nermo_track.sightings import sight
 from nermo_track.track import Track, track
 
@@ -119,7 +119,8 @@ def into_recording(
 ) -> Written:
     """Films' poses written beside a recording's commands, into a new folder.
 
-    ``clock_from``: from when to when [s] since the first command the film's clock is fitted; everywhere if None.
+    ``clock_from``: from when to when [s] since the first command the film's clock is fitted; if None, over the piece
+    of a protocol that is meant for it, and where there is none over everything.
 
     Raises:
         TrackError: a film cannot be used, or its clock cannot be told.
@@ -132,6 +133,7 @@ def into_recording(
     commands = recorded_commands(recording, parameters)
     films = [follow(shot, layout, say) for shot in shots]
     expected = expected_motion(commands, parameters, lambda share: say("twin", share))
+    clock_from = clock_from or clock_piece(origin, commands)
     if clock_from is not None:
         expected = expected.between(*clock_from)
         if len(expected.time) < 2:

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from nermo_description.robots import load_robot
+from nermo_gap.blind.mice.mouse import draw
+from nermo_gap.protocol.record import record
+from nermo_gap.protocol.standard import protocol_of
 from nermo_track.bench.walk import Walk
 from nermo_track.clock import Motion, fit_clock
+from nermo_track.commands import Commands, expected_motion
 from nermo_track.errors import TrackError
 
 NOISE = 3e-4, 2e-3
@@ -81,3 +89,27 @@ def test_a_camera_that_ran_long_before_is_no_matter(walked: Walk) -> None:
     found = fit_clock(seen(walked, -6.0, 0.0, 15.0, 2), expected(walked), "film")
     assert found.offset == pytest.approx(-6.0, abs=max(5.0 * found.deviation, 4e-3))
     assert found.overlap == pytest.approx(9.0, abs=0.5)
+
+
+def test_a_leg_that_is_off_moves_the_clock_of_a_walk_and_not_that_of_the_piece_before_it(tmp_path: Path) -> None:
+    """A hidden mouse, all of whose numbers are off and one hip's horn by some degrees; the film began with it."""
+    robot = load_robot("nermo_lite")
+    asked = protocol_of("standard", robot, filmed=True)
+    walking = next(s for s in asked.segments if s.name == "walking")
+    body, _ = draw(robot, 203, "hip_offset", False)
+    (folder,) = record(replace(asked, segments=(walking,)), body, tmp_path / "mouse", 203)
+    table = np.load(folder / "recording.npz")
+    told = np.isfinite(table[f"{next(iter(robot.servos))}_command"])
+    angles = np.column_stack([table[f"{servo}_command"][told] for servo in robot.servos])
+    begin = float(table["t"][told][0])
+    commands = Commands("servo_command", np.round(1e9 * table["t"][told]).astype(np.int64), angles, 0)
+    rows = np.flatnonzero(np.isfinite(table["base_x"]))
+    place = np.column_stack([table[f"base_{axis}"][rows] for axis in "xyz"])
+    turn = Rotation.from_quat(np.column_stack([table[f"base_q{axis}"][rows] for axis in "wxyz"]), scalar_first=True)
+    film, twin = Motion(table["t"][rows] - begin, place, turn), expected_motion(commands, robot)
+    end = walking.pieces[0].seconds
+    middle = float(film.time.mean())
+    walk, piece = (fit_clock(film, twin.between(*part), "film") for part in ((end, 99.0), (0.0, end)))
+    late, right = (abs(float(found.at(np.array([middle]))[0]) - middle) for found in (walk, piece))
+    assert right < 3e-3 < 8e-3 < late
+    assert late > 5.0 * walk.deviation and right < 4.0 * piece.deviation

@@ -17,7 +17,7 @@ from nermo_track.commands import recorded_commands
 from nermo_track.errors import TrackError
 from nermo_track.film import Film
 from nermo_track.fuse import Poses
-from nermo_track.recording import Source, write_beside
+from nermo_track.recording import Source, clock_piece, write_beside
 
 
 def poses(count: int) -> Poses:
@@ -54,6 +54,25 @@ def test_a_segment_keeps_its_scene(bag: Path, tmp_path: Path) -> None:
     write(segment, tmp_path / "filmed" / "3_walking")
     assert (tmp_path / "filmed" / "3_walking" / "scene.yaml").read_text("utf-8") == "segment: walking\n"
     assert "/nermo/tracker/odom" in Recording(tmp_path / "filmed" / "3_walking" / "recording").topics
+
+
+def test_the_piece_that_tells_the_clock_is_found_in_the_scene(bag: Path, tmp_path: Path, start: int) -> None:
+    segment = tmp_path / "3_walking"
+    shutil.copytree(bag, segment / "recording")
+    scene, recording = segment / "scene.yaml", Recording(segment / "recording")
+    commands = recorded_commands(recording, load_robot("nermo_lite"))
+    pieces = [{"name": n, "begin": b, "end": b + 6.0, "looks": [0.35]} for n, b in (("trot", 0.0), ("clock", 6.5))]
+    for begun, pieces_told, expected in (
+        (start + 250_000_000, pieces, (6.75, 12.75)),
+        (None, pieces, (6.5, 12.5)),
+        (start, pieces[:1], None),
+    ):
+        scene.write_text(yaml.safe_dump({"segment": "walking", "begun": begun, "pieces": pieces_told}), "utf-8")
+        assert clock_piece(Source.at(segment), commands) == (None if expected is None else pytest.approx(expected))
+    assert clock_piece(Source.at(segment / "recording"), commands) is None
+    scene.write_text("pieces: [{name: clock, begin: soon, end: 1}]", "utf-8")
+    with pytest.raises(RecordingError, match=r"scene.yaml: is no scene of a protocol"):
+        clock_piece(Source.at(segment), commands)
 
 
 def test_a_recording_that_was_cut_will_do(bag: Path, tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def _track(plan: Plan, there: dict[Run, SceneFile], filming: Filming) -> None:
         for number in sorted(films.keys() & by_number.keys()):
             run = by_number[number]
             try:
-                track(plan, run, there[run], films[number], filming, lambda stage, share: None)
+                track(plan, run, films[number], filming, lambda stage, share: None)
             except (TrackError, RecordingError) as error:
                 _warn(str(error))
             counter.advance()

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from nermo_bringup.experiment.plan import FILMED_FOLDER, Plan, Run
 from nermo_description.results import CommandError, write_results
-from nermo_gap.protocol.scene import BAG_FOLDER, SCENE_FILE, SceneFile
-from nermo_node.recording_reader import Recording, RecordingError
+from nermo_gap.protocol.scene import SCENE_FILE
 
 if TYPE_CHECKING:
     from nermo_track.work import Shot
@@ -63,7 +62,7 @@ def films_of(paths: Sequence[Path], runs: Sequence[Run]) -> tuple[dict[int, list
     return found, strange
 
 
-def track(plan: Plan, run: Run, scene: SceneFile, films: Sequence[Path], filming: Filming, say: Say) -> None:
+def track(plan: Plan, run: Run, films: Sequence[Path], filming: Filming, say: Say) -> None:
     """Follow the mouse through the films of one run, into a recording of its own; nothing where that is done.
 
     Raises:
@@ -83,9 +82,7 @@ def track(plan: Plan, run: Run, scene: SceneFile, films: Sequence[Path], filming
         return
     if out.exists():
         shutil.rmtree(out)
-    written = into_recording(
-        shots, load_layout(filming.tags), source, out, plan.about.robot, say, _clock_part(source / BAG_FOLDER, scene)
-    )
+    written = into_recording(shots, load_layout(filming.tags), source, out, plan.about.robot, say)
     facts = {"of": taken, "films": [film.report() for film in written.films]}
     write_results(out / TRACK_FILE, "track", facts, robot=written.robot)
 
@@ -132,14 +129,3 @@ def shot_of(film: Path, filming: Filming) -> Shot:
             names = ", ".join(f"_{camera.stem}" for camera in filming.cameras)
             raise CommandError(f"--film: {film}: of several cameras its name must end in one of {names}", status=2)
     return Shot(film, load_camera(cameras[0]), filming.fps)
-
-
-def _clock_part(bag: Path, scene: SceneFile) -> tuple[float, float]:
-    """From when to when [s], since the recording's first command, the mouse did what tells a film's clock."""
-    recording = Recording(bag)
-    topic = recording.topic_ending("servo_command")
-    stamps = recording.read([topic])[topic].stamp
-    if scene.begun is None or not len(stamps):
-        raise RecordingError(f"{bag}: servo_command: nothing was commanded")
-    lead = (scene.begun - int(stamps.min())) * 1e-9
-    return lead + scene.pieces[0].begin, lead + scene.pieces[0].end

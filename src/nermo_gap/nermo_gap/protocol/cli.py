@@ -47,6 +47,9 @@ def record_command(
     markers: Annotated[
         bool, typer.Option("--markers", help="The tracker sees a marker at each foot and at the rear torso too.")
     ] = False,
+    film: Annotated[
+        bool, typer.Option("--film", help="You film it: a walk begins with what tells the film's clock.")
+    ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sensors' noise.")] = 0,
     target: Annotated[
         Literal["sim", "serial", "link"] | None,
@@ -85,7 +88,7 @@ def record_command(
         from nermo_gap.protocol.through_graph import Request
 
         parameters = load_robot(robot)
-        chosen = protocol_of(protocol, parameters, markers)
+        chosen = protocol_of(protocol, parameters, markers, film)
         if target is not None:
             if hidden is not None:
                 fail("--hidden is a mouse that is played in process: it does not go with --target", 2)

@@ -14,6 +14,7 @@ from simgap.data.errors import GapInputError
 
 SLOW, FAST = (0.5, 0.7, 0.9, 1.1), (1.6, 2.0, 2.4, 2.8)
 """[Hz] of the four legs, each its own: what one leg does is then told from what another does in every window."""
+WALKING = "walking"
 STEP = 0.6
 """[s] of a servo's step to both sides."""
 
@@ -33,21 +34,28 @@ def walk(robot: RobotParameters, markers: bool = False) -> Protocol:
     del robot, markers
     says = tuple((6.0 * k, _say(*how)) for k, how in enumerate(_WALKS * 2))
     piece = Piece("walk", "walk, in turns slowly and fast, straight and to both sides", 60.0 + 2.0 * REST, (), says)
-    return Protocol("walk", (Segment("walking", "floor", "Set the mouse down with three metres around it.", (piece,)),))
+    return Protocol("walk", (Segment(WALKING, "floor", "Set the mouse down with three metres around it.", (piece,)),))
 
 
 PROTOCOLS: dict[str, Callable[[RobotParameters, bool], Protocol]] = {"standard": standard, "walk": walk}
 
 
-def protocol_of(name: str, robot: RobotParameters, markers: bool = False) -> Protocol:
+def protocol_of(name: str, robot: RobotParameters, markers: bool = False, filmed: bool = False) -> Protocol:
     """A protocol by its name, for a mouse with or without markers on its feet.
+
+    ``filmed``: what is walked begins with what tells a film's clock. A mouse with a leg that is off steps earlier or
+    later than the twin, and its walk tells the clock wrong.
 
     Raises:
         GapInputError: there is none of this name.
     """
     if name not in PROTOCOLS:
         raise GapInputError(f"protocol {name!r} is unknown: choose one of {', '.join(PROTOCOLS)}")
-    return PROTOCOLS[name](robot, markers)
+    found = PROTOCOLS[name](robot, markers)
+    if not filmed:
+        return found
+    parts = [dataclasses.replace(s, pieces=(clock(), *s.pieces)) if s.name == WALKING else s for s in found.segments]
+    return dataclasses.replace(found, segments=tuple(parts))
 
 
 def _hung(robot: RobotParameters, seen: bool) -> Segment:
@@ -124,7 +132,7 @@ def clock() -> Piece:
 def _walking() -> Segment:
     told = ("trot slowly", "trot fast", "lateral walk", "turn left")
     pieces = tuple(_walk(name, name, *say) for name, say in zip(told, _WALKS, strict=False))
-    return Segment("walking", "floor", "Leave it on the floor, with a metre in front of it.", pieces)
+    return Segment(WALKING, "floor", "Leave it on the floor, with a metre in front of it.", pieces)
 
 
 def _walk(name: str, tell: str, speed: float, turn: float, gait: str, frequency: float) -> Piece:
