@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -171,6 +172,21 @@ def test_a_good_recording_is_usable() -> None:
     for joint in found.joints:
         assert joint.reversals > 10 and joint.confounded == ()
         assert joint.noise == pytest.approx(2e-4, rel=0.4)
+
+
+def test_a_log_without_noise_is_said_until_its_sensors_are() -> None:
+    def resolved(data: dict[str, Any]) -> None:
+        for row in data["outputs"]:
+            row["resolution"] = 1e-3
+
+    table = simulate("arm", 6.0, noise=0.0)
+    for edit, said in ((None, True), (resolved, False)):
+        plant = plant_of("arm", edit)
+        warnings = check([recording_from_table(table, plant)], plant).warnings
+        assert any("show no noise, as those of a simulation" in w and "`resolution`" in w for w in warnings) is said
+    noisy = plant_of("arm")
+    usual = check([recording_from_table(simulate("arm", 6.0), noisy)], noisy).warnings
+    assert not any("show no noise" in w for w in usual)
 
 
 def test_a_joint_that_stands_still_tells_nothing() -> None:

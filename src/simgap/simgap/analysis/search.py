@@ -18,7 +18,7 @@ from simgap.analysis.torque_balance import Balance
 from simgap.data.align import Aligned, align
 from simgap.data.corrected import as_read_by
 from simgap.data.excitation import still_joints
-from simgap.data.noise_floor import noise_floor
+from simgap.data.noise_floor import noise_floor, noise_warning
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording, concatenate
 from simgap.effects.base import Context
@@ -80,6 +80,8 @@ def search(
     aligned = align(recording, plant)
     floor = np.maximum(noise_floor(aligned), [options.resolution.get(o.name, 0.0) for o in plant.outputs])
     warnings = [*plant.warnings, *aligned.warnings]
+    if bare := noise_warning(aligned, floor, [o.name for o in plant.outputs]):
+        warnings.append(bare)
     state = measured_state(plant, aligned, floor)
     warnings += [*check_map(plant, aligned, state), *self_contact.warnings(plant, state)]
     warnings += [

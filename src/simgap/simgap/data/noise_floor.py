@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs
@@ -16,6 +18,8 @@ _STILL, _FEW = 1.5, 50
 Where a robot rests in its friction its encoder repeats itself, which says nothing of how well a motion repeats."""
 _BEGIN = 10
 """Samples whose mean says where a run began."""
+_BARE = 0.25
+"""Share of the outputs that may be without noise, before it is said: some are computed on a real robot too."""
 _MIN_SHARE = 2e-5
 """No floor is below this share of the channel's spread: a simulation's own errors are of that size."""
 
@@ -31,6 +35,29 @@ def noise_floor(aligned: Aligned) -> Array:
     floors = np.stack([_high_frequency(aligned), _quantisation(aligned), _repeats(aligned), _MIN_SHARE * spread])
     floor: Array = np.maximum(floors.max(axis=0), 1e-12)
     return floor
+
+
+def without_noise(aligned: Aligned, floor: Array) -> NDArray[np.bool_]:
+    """(no,) Outputs that move and in which no noise is seen, as in a simulation's log: only their spread says a floor.
+
+    ``floor`` (no,) as `noise_floor` has it.
+    """
+    spread = np.array([_spread(aligned, i) for i in range(aligned.outputs.shape[1])])
+    found: NDArray[np.bool_] = (spread > 0.0) & (floor <= 1.001 * _MIN_SHARE * spread)
+    return found
+
+
+def noise_warning(aligned: Aligned, floor: Array, names: Sequence[str]) -> str:
+    """A sentence where many outputs are without noise; empty where few are."""
+    bare = np.flatnonzero(without_noise(aligned, floor))
+    if len(bare) < _BARE * len(floor):
+        return ""
+    some = ", ".join(names[i] for i in bare[:3])
+    return (
+        f"{len(bare)} of {len(floor)} outputs ({some}...) show no noise, as those of a simulation: noise floors are "
+        "then far finer than any sensor, and a gap in them says little; give each what your sensors resolve "
+        "(`resolution` in the map)"
+    )
 
 
 def input_noise(aligned: Aligned) -> Array:

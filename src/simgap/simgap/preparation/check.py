@@ -15,7 +15,7 @@ from simgap.data.align import Aligned, align
 from simgap.data.channels import model_names
 from simgap.data.errors import GapInputError
 from simgap.data.excitation import NOTHING_MOVED, excited
-from simgap.data.noise_floor import noise_floor
+from simgap.data.noise_floor import noise_floor, noise_warning
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording, concatenate
 from simgap.preparation.detectability import Detectable, advice, detectability
@@ -115,6 +115,8 @@ def check(recordings: Sequence[Recording], plant: Plant, detect: bool = False) -
     state = measured_state(plant, aligned, floor)
     found = Check(aligned.period, aligned.duration, len(aligned.runs), _joints(plant, aligned, state, floor))
     found.warnings += [*plant.warnings, *aligned.warnings, *_clock(recording, aligned), *_quiet(plant, aligned, floor)]
+    if bare := noise_warning(aligned, floor, [o.name for o in plant.outputs]):
+        found.warnings.append(bare)
     try:
         found.warnings += check_map(plant, aligned, state)
     except GapInputError as error:
