@@ -138,6 +138,17 @@ def test_of_a_robot_that_stood_still_nothing_is_known() -> None:
     assert sum("hardly moves" in warning for warning in found.report["warnings"]) == 2
 
 
+def test_one_pose_that_differs_from_the_model_s_does_not_tell_why() -> None:
+    """A forearm that somebody holds up: an effect fits it to its noise, and so would others that hold or let go."""
+    plant, table = plant_of("arm"), simulate("arm", 5.0, told=0.0)
+    noise = 2e-4 * np.random.default_rng(0).standard_normal((2, len(table["t"])))
+    held = {"q0": float(table["q0"][-1]) + noise[0], "q1": 0.3 + noise[1]}
+    options = Options(baselines=False, only=("servo_gain", "servo_offset"), threads=1)
+    found = diagnose([recording_from_table(table | held, plant)], plant, options).report
+    assert (found["verdict"], found["gap"]["before"] > 20.0) == ("unknown", True)
+    assert found["reasons"][0].startswith("nothing was told to move and nothing moved, and one pose")
+
+
 def test_friction_and_damping_are_not_taken_for_friction_alone() -> None:
     """Fitted with friction alone, a joint with both gives a confident wrong number: the pair, or no single effect."""
     report = _diagnose("pendulum", _both_frictions, 14.0).report

@@ -27,7 +27,7 @@ from simgap.analysis.reference import learn
 from simgap.analysis.search import search
 from simgap.analysis.stages import Decided
 from simgap.data.align import Aligned
-from simgap.data.excitation import NOTHING_MOVED, excited
+from simgap.data.excitation import NOTHING_MOVED, ONE_POSE, excited
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording
 from simgap.inference.baselines import best_in_sample, fit_everything
@@ -105,8 +105,9 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
         verdict.kind = "unknown"
         verdict.reasons = [f"{found.beside.unlike}, so what shows there may always have been so", *verdict.reasons]
     structure = predictable_share(residuals, selection.best.fit.residual, options.seed)
-    if verdict.kind in ("no_gap", "calibration") and not excited(plant, aligned, floor):
-        verdict.kind, verdict.reasons = "unknown", [NOTHING_MOVED]
+    if verdict.kind != "unknown" and not excited(plant, aligned, floor):
+        quiet = verdict.kind in ("no_gap", "calibration")
+        verdict.kind, verdict.reasons = "unknown", [NOTHING_MOVED if quiet else ONE_POSE]
         verdict.open = [*(s.fit for s in selection.singles[:2]), selection.reference.fit]
     if verdict.kind in ("unknown", "partial"):
         share, frequency = repeating_share(residuals, selection.best.fit.residual)

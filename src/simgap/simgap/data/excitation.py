@@ -17,10 +17,9 @@ NOISE_SPREAD = 10.0
 """Noise floors over which 96 % of a channel's values must spread to count as motion; noise alone spreads over 4.1."""
 LEAST_SHARE = 0.01
 """And the share of the range of its joint or actuator. A joint without one has 1 rad or 1 m."""
-NOTHING_MOVED = (
-    "nothing was told to move and nothing moved, so that no fault could show: move each joint through most of its "
-    "range, back and forth, slowly and fast, and record that"
-)
+_MOVE = "move each joint through most of its range, back and forth, slowly and fast, and record that"
+NOTHING_MOVED = f"nothing was told to move and nothing moved, so that no fault could show: {_MOVE}"
+ONE_POSE = f"nothing was told to move and nothing moved, and one pose that differs does not tell why: {_MOVE}"
 
 
 def still_joints(plant: Plant, aligned: Aligned, floor: Array) -> list[str]:
