@@ -41,10 +41,10 @@ def _scored(effects: int) -> Any:
 
 
 def _scores(**told: Any) -> Any:
-    """What a fit leaves is its gap, here and where it runs free; nothing is a matter of chance."""
+    """What a fit leaves is its gap, here and where it runs free; nothing is a matter of chance, no model corrected."""
     itself = {measure: lambda held: held for measure in ("typical", "overall", "gap")}
     as_held = {**itself, "left": lambda fit: fit.held, "free_error": lambda fit: fit.held}
-    return SimpleNamespace(**{**as_held, "roughness": 0.0, **told})
+    return SimpleNamespace(**{**as_held, "roughness": 0.0, "written": 0.0, **told})
 
 
 @pytest.mark.parametrize(("gain", "first", "earned"), [(40.0, 300.0, True), (40.0, 500.0, False), (15.0, 100.0, False)])
@@ -59,6 +59,34 @@ def test_a_further_cause_may_earn_a_tenth_of_the_first(gain: float, first: float
     without.fit.cost, with_.fit.cost = gain, 0.0
     assert (FURTHER, EVIDENCE_MORE) == (0.1, 16.0), "the cases are written for these"
     assert earns(scores, without, with_, looked_at=10, first=first) == earned
+
+
+@pytest.mark.parametrize(
+    ("gain", "corrected", "strain", "earned"),
+    [
+        (40.0, 0.0, 0.0, True),
+        (40.0, 300.0, 0.0, True),
+        (40.0, 500.0, 0.0, False),
+        (40.0, 500.0, 9.0, False),
+        (15.0, 100.0, 0.0, False),
+    ],
+)
+def test_the_first_cause_beside_a_corrected_model_is_a_further_one(
+    gain: float, corrected: float, strain: float, earned: bool
+) -> None:
+    """It leaves much of the gap, and little of where the robot goes; strain about corrected numbers says nothing."""
+    scores = _scores(
+        difference=lambda worse, better: (gain, 0.5 * gain, 2.0 * gain),
+        typical=lambda held: 20.0,
+        overall=lambda held: 20.0,
+        gap=lambda held: 20.0,
+        free_error=lambda fit: fit.cost,
+        written=corrected,
+    )
+    without, with_ = _scored(0), _scored(1)
+    without.fit.cost, with_.fit.cost = gain, 0.0
+    without.fit.prior, without.fit.strained = strain, [0] if strain else []
+    assert earns(scores, without, with_, looked_at=10) == earned
 
 
 @pytest.mark.parametrize(
