@@ -75,7 +75,8 @@ def judge(selector: Selector, selection: Selection) -> Verdict:
     if best is reference:
         if scores.written > 0.0:
             # A cause that would take a trifle beside those that the model has contradicts no such verdict.
-            verdict.probability += sum(c.probability for c in found if c.names and _trifle(selector, selection, c))
+            trifles = sum(c.probability for c in found if c.names and _trifle(selector, selection, c))
+            verdict.probability = min(verdict.probability + trifles, 1.0)
         _without_effect(verdict, selector, selection)
     else:
         _with_effects(verdict, selector, selection)
