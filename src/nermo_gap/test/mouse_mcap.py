@@ -10,8 +10,9 @@ from mcap.writer import Writer
 from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from nermo_description.markers import MARKERS
 from nermo_description.parameters import LEGS
-from nermo_gap.robots.channels import MARKERS, TRACKER, command, encoder, marker, position
+from nermo_gap.robots.channels import TRACKER, command, encoder, marker, position
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[3]

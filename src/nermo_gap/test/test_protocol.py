@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
+from nermo_description.markers import MARKERS
 from nermo_description.model import build_model
 from nermo_description.parameter_files import write_yaml
 from nermo_description.parameters import LEGS
@@ -26,7 +27,7 @@ from nermo_gap.protocol.recorded import read
 from nermo_gap.protocol.scene import SCENE_FILE, scene_of, segments
 from nermo_gap.protocol.standard import PROTOCOLS, clock, protocol_of, standard
 from nermo_gap.protocol.types import REST, Piece, Protocol, Segment, Wave
-from nermo_gap.robots.channels import MARKERS, TRACKER, command, marker
+from nermo_gap.robots.channels import TRACKER, command, marker
 from nermo_gap.robots.diagnosis import placed, robot_plant
 from nermo_gap.robots.simulated import Noise
 from nermo_gap.robots.sites import nuisances, worth_a_look

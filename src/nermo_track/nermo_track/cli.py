@@ -48,10 +48,10 @@ def track() -> None:
 @track_app.command("sheet")
 def sheet(
     out: Annotated[Path, typer.Option(help="The .pdf, or .png of one page, to write.")],
-    what: Annotated[Literal["all", "mouse", "floor", "board"], typer.Option(help="Which pages.")] = "all",
+    what: Annotated[Literal["all", "mouse", "markers", "floor", "board"], typer.Option(help="Which pages.")] = "all",
     tags: Tags = None,
 ) -> None:
-    """Draw the tags to print, true to scale on A4: for the mouse's back, for the floor, and the camera's board.
+    """Draw the tags to print, true to scale on A4: for the mouse's back, its paws, the floor, and the camera's board.
 
     \b
     nermo track sheet --out tags.pdf
@@ -154,7 +154,7 @@ def film(
                 )
             with progress() as say:
                 tracked = [follow(shots[0], layout, say)]
-            _save_poses(out, poses_of(tracked[0]))
+            _save_poses(out, poses_of(tracked[0].track, None))
             said, name = [f"{out}: {len(tracked[0].track.time)} poses in the film's own time"], None
         else:
             with progress() as say:
@@ -164,7 +164,9 @@ def film(
                 f"cameras are {1e3 * apart.position:.1f} mm and {57.29578 * apart.angle:.2f} degrees apart"
                 for apart in written.apart
             ]
-            said += [f"{out}: {written.poses} poses of {name} as {written.topic}", f"next: nermo gap diagnose {out}"]
+            said.append(f"{out}: {written.poses} poses of {name} as {written.topic}")
+            said += [f"{out}: {count} places of {place}" for place, count in written.markers.items()]
+            said.append(f"next: nermo gap diagnose {out}")
     for one in tracked:
         _print_film(one)
     for line in said:
@@ -339,12 +341,16 @@ def _print_film(one: Tracked) -> None:
         f"base_link ± {place[0]:.2f}, {place[1]:.2f}, {place[2]:.2f} mm, "
         f"± {turn[0]:.2f}, {turn[1]:.2f}, {turn[2]:.2f} degrees (x, y, z)"
     )
+    for place, marker in facts["markers"].items():
+        x, y, z = marker["position_sd_mm"]
+        seen = f"in {marker['poses']} of {facts['pictures']} pictures"
+        typer.echo(f"  {place}: {seen}, ± {x:.2f}, {y:.2f}, {z:.2f} mm (x, y, z)")
     if clock is not None:
         typer.echo(
             f"  its first picture is {clock.offset:.4f} s after the first command, ± {1e3 * clock.deviation:.1f} ms; "
             f"rate {1e6 * clock.rate:+.0f} ppm; the commands explain {100.0 * clock.agreement:.0f} % of what is seen"
         )
-    for warning in found.warnings():
+    for warning in (*found.warnings(), *(clock.warnings() if clock is not None else ())):
         typer.echo(f"  warning: {warning}", err=True)
 
 

@@ -1,4 +1,4 @@
-"""Where tags sit: on the mouse, and on the floor, whose tags are the world's frame."""
+"""Where tags sit: on the mouse, on its feet, and on the floor, whose tags are the world's frame."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy.spatial.transform import Rotation
 
+from nermo_description.markers import MARKERS
 from nermo_description.parameter_files import read_yaml, validate
 
 Array = NDArray[np.float64]
@@ -61,11 +62,19 @@ class Layout(BaseModel):
     """In base_link."""
     floor: tuple[Tag, ...] = Field(min_length=1)
     """In the world."""
+    markers: dict[str, Annotated[tuple[Tag, ...], Field(min_length=1)]] = {}
+    """Of places that are followed beside base_link, each in the place's own frame (`MARKERS`)."""
+
+    @model_validator(mode="after")
+    def _known_places(self) -> Layout:
+        unknown = next((place for place in self.markers if place not in MARKERS), None)
+        if unknown is not None:
+            raise ValueError(f"markers: {unknown} is no place for one; choose of {', '.join(MARKERS)}")
+        return self
 
     @model_validator(mode="after")
     def _one_of_each(self) -> Layout:
-        ids = [tag.id for tag in (*self.mouse, *self.floor)]
-        twice = sorted({number for number in ids if ids.count(number) > 1})
+        twice = sorted({number for number in self.ids if self.ids.count(number) > 1})
         if twice:
             raise ValueError(f"tag {twice[0]} is there twice; a tag can be in one place only")
         return self
@@ -73,7 +82,8 @@ class Layout(BaseModel):
     @cached_property
     def ids(self) -> tuple[int, ...]:
         """Numbers of all tags, the mouse's first."""
-        return tuple(tag.id for tag in (*self.mouse, *self.floor))
+        glued = [tag for tags in self.markers.values() for tag in tags]
+        return tuple(tag.id for tag in (*self.mouse, *self.floor, *glued))
 
 
 def square(size: float) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,13 @@ from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_typestore
 
+from nermo_description.markers import MARKER_TOPIC
 from nermo_description.parameter_files import ParameterError, read_yaml
 from nermo_node.recording_reader import Recording, RecordingError
 from nermo_track.commands import Commands
 from nermo_track.fuse import Poses
 
-ODOMETRY = "nav_msgs/msg/Odometry"
+ODOMETRY, MARKED = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped"
 TOPIC = "tracker/odom"
 """Where `nermo gap diagnose` looks for the pose of base_link, below the mouse's namespace."""
 SCENE, CLOCK_PIECE = "scene.yaml", "clock"
@@ -77,8 +78,10 @@ def clock_piece(source: Source, commands: Commands) -> tuple[float, float] | Non
     return next(((lead + p.begin, lead + p.end) for p in scene.pieces if p.name == CLOCK_PIECE), None)
 
 
-def write_beside(source: Source, recording: Recording, commands: Commands, poses: Poses, out: Path) -> str:
-    """Copy a recording, and its scene, into a new folder with the tracker's poses in it; returns their topic.
+def write_beside(
+    source: Source, recording: Recording, commands: Commands, poses: Poses, markers: Mapping[str, Poses], out: Path
+) -> str:
+    """Copy a recording, and its scene, into a new folder with the tracker's poses in it; returns base_link's topic.
 
     The folder appears whole or not at all. Messages are copied as they are.
 
@@ -87,14 +90,19 @@ def write_beside(source: Source, recording: Recording, commands: Commands, poses
         recording: The same, open.
         commands: Its servo commands, whose namespace and delay from stamp to log the poses get.
         poses: Of base_link on the floor, in [s] since the first command.
+        markers: Likewise of marked places, by the place.
         out: New folder.
 
     Raises:
         RecordingError: ``out`` exists, there are poses of a tracker already, or it cannot be written.
     """
-    topic = commands.topic.rsplit("/", 1)[0] + "/" + TOPIC
-    if topic in recording.topics:
-        raise RecordingError(f"{recording.path} has {topic} already; give the recording as it was before")
+    below = commands.topic.rsplit("/", 1)[0] + "/"
+    topic = below + TOPIC
+    tracks = {topic: (ODOMETRY, poses)}
+    tracks |= {below + MARKER_TOPIC.format(place=place): (MARKED, seen) for place, seen in markers.items()}
+    already = next((name for name in tracks if name in recording.topics), None)
+    if already is not None:
+        raise RecordingError(f"{recording.path} has {already} already; give the recording as it was before")
     if out.exists():
         raise RecordingError(f"{out} exists already; a recording is never overwritten")
     try:
@@ -102,7 +110,7 @@ def write_beside(source: Source, recording: Recording, commands: Commands, poses
         with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
             whole = Path(folder) / out.name
             bag = whole if source.segment is None else whole / INNER
-            _write_bag(bag, recording, topic, _messages(commands, poses))
+            _write_bag(bag, recording, commands, tracks)
             for file in source.segment.iterdir() if source.segment is not None else ():
                 if file.is_file():
                     shutil.copy2(file, whole / file.name)
@@ -112,11 +120,10 @@ def write_beside(source: Source, recording: Recording, commands: Commands, poses
     return topic
 
 
-def _write_bag(path: Path, recording: Recording, topic: str, poses: Iterable[tuple[int, Any]]) -> None:
-    """Write a recording's messages and poses (log time [ns], Odometry), in the order of their times."""
+def _write_bag(path: Path, recording: Recording, commands: Commands, tracks: Mapping[str, tuple[str, Poses]]) -> None:
+    """Write a recording's messages and, by topic, poses as messages of a type, in the order of their times."""
     store = get_typestore(Stores.ROS2_KILTED)
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
-        own = bag.add_connection(topic, ODOMETRY, typestore=store)
         connections: dict[str, Connection] = {}
 
         def copied() -> Iterator[tuple[int, Connection, bytes]]:
@@ -132,13 +139,18 @@ def _write_bag(path: Path, recording: Recording, topic: str, poses: Iterable[tup
                     )
                 yield message.log_time, connections[message.topic], message.data
 
-        seen = ((time, own, bytes(store.serialize_cdr(pose, ODOMETRY))) for time, pose in poses)
-        for time, connection, data in heapq.merge(copied(), seen, key=lambda part: part[0]):
+        def seen(topic: str, kind: str, poses: Poses) -> Iterator[tuple[int, Connection, bytes]]:
+            own = bag.add_connection(topic, kind, typestore=store)
+            for time, message in _messages(commands, kind, poses):
+                yield time, own, bytes(store.serialize_cdr(message, kind))
+
+        tracked = [seen(topic, kind, poses) for topic, (kind, poses) in tracks.items()]
+        for time, connection, data in heapq.merge(copied(), *tracked, key=lambda part: part[0]):
             bag.write(connection, time, data)
 
 
-def _messages(commands: Commands, poses: Poses) -> Iterator[tuple[int, Any]]:
-    """Poses as messages, each with the time [ns] at which a recorder would have got it."""
+def _messages(commands: Commands, kind: str, poses: Poses) -> Iterator[tuple[int, Any]]:
+    """Poses as messages of a type, each with the time [ns] at which a recorder would have got it."""
     types = get_typestore(Stores.ROS2_KILTED).types
     time, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
     point, quaternion, vector = (types[f"geometry_msgs/msg/{name}"] for name in ("Point", "Quaternion", "Vector3"))
@@ -154,5 +166,6 @@ def _messages(commands: Commands, poses: Poses) -> Iterator[tuple[int, Any]]:
     ):
         stands = pose(point(*map(float, place)), quaternion(*map(float, turn)))
         head = header(time(now // 10**9, now % 10**9), "odom")
-        message = types[ODOMETRY](head, "base_link", posed(stands, np.ascontiguousarray(spread.ravel())), still)
+        sure = posed(stands, np.ascontiguousarray(spread.ravel()))
+        message = types[ODOMETRY](head, "base_link", sure, still) if kind == ODOMETRY else types[MARKED](head, sure)
         yield now + commands.delay, message

@@ -1,4 +1,4 @@
-"""Sheets to print, true to scale: the mouse's tag, the floor's, and the board for the camera."""
+"""Sheets to print, true to scale: the mouse's tag, those of its markers, the floor's, and the board for the camera."""
 
 from __future__ import annotations
 
@@ -23,11 +23,15 @@ SHARP = 300.0
 """Dots per inch of a picture; a PDF's squares have edges of their own."""
 DOTS = 56
 """Of a square of the board along its edge: then each of its tag's modules has five, and every edge is exact."""
-KINDS = ("mouse", "floor", "board")
+KINDS = ("mouse", "markers", "floor", "board")
+SLOT = 62.0
+"""[mm] Least way from one card to the next, for the words below it."""
 
 
 def write_sheets(out: Path, kinds: Sequence[str], layout: Layout) -> None:
     """Write a page for each kind (`KINDS`): a PDF of several pages, or a PNG of one.
+
+    Of several kinds the markers' page is left out where a layout has none.
 
     Raises:
         TrackError: the file's ending or number of pages does not go, the tags do not fit the page, or it cannot be
@@ -39,12 +43,16 @@ def write_sheets(out: Path, kinds: Sequence[str], layout: Layout) -> None:
         raise TrackError(f"--out: {out} must end in .pdf or .png")
     if out.suffix == ".png" and len(kinds) > 1:
         raise TrackError(f"--out: a .png holds one page; give .pdf, or --what {' or '.join(KINDS)}")
+    glued = [(place, tag) for place, tags in layout.markers.items() for tag in tags]
+    if not glued and list(kinds) == ["markers"]:
+        raise TrackError("--what markers: the layout (--tags) has no markers")
     draw: dict[str, Callable[[Axes], None]] = {
-        "mouse": lambda axes: _mouse(axes, layout),
+        "mouse": lambda axes: _cards(axes, [("base_link", tag) for tag in layout.mouse]),
+        "markers": lambda axes: _cards(axes, glued),
         "floor": lambda axes: _floor(axes, layout),
         "board": _board,
     }
-    pages = [_page(draw[kind]) for kind in kinds]
+    pages = [_page(draw[kind]) for kind in kinds if glued or kind != "markers"]
     try:
         if out.suffix == ".png":
             pages[0].savefig(out, dpi=SHARP)
@@ -86,15 +94,19 @@ def _tag(axes: Axes, tag: Tag, x: float, y: float) -> None:
     )
 
 
-def _mouse(axes: Axes, layout: Layout) -> None:
-    """Tags of the mouse in a row, each with a line to cut along; two of each, for one gets dirty."""
-    sizes = [1000.0 * tag.size for tag in layout.mouse]
+def _cards(axes: Axes, worn: Sequence[tuple[str, Tag]]) -> None:
+    """Tags of the mouse in a row, each with the frame it is glued in and a line to cut along.
+
+    There are two of each, for one gets dirty.
+    """
+    sizes = [1000.0 * tag.size for _, tag in worn]
     cards = [size * (1.0 + 2.0 / MODULES) for size in sizes]
-    if sum(cards) + 12.0 * len(cards) > PAGE[0] - 20.0 or 2.0 * max(cards) + 40.0 > PAGE[1] - 20.0:
-        raise TrackError(f"the mouse's tags do not fit an A4 page: together {sum(cards):.0f} mm wide")
-    x = -(sum(cards) + 12.0 * (len(cards) - 1)) / 2
-    for tag, size, card in zip(layout.mouse, sizes, cards, strict=True):
-        x += card / 2
+    slots = [max(card + 12.0, SLOT) for card in cards]
+    if sum(slots) > PAGE[0] - 10.0 or 2.0 * max(cards) + 40.0 > PAGE[1] - 20.0:
+        raise TrackError(f"the mouse's tags do not fit an A4 page: together {sum(slots):.0f} mm wide")
+    x = -sum(slots) / 2
+    for (frame, tag), size, card, slot in zip(worn, sizes, cards, slots, strict=True):
+        x += slot / 2
         for y in (45.0, -35.0):
             _tag(axes, tag, x, y)
             edge = card / 2
@@ -106,12 +118,11 @@ def _mouse(axes: Axes, layout: Layout) -> None:
                 linestyle="--",
             )
             place = ", ".join(f"{1000.0 * number:g}" for number in tag.position)
-            words = f"tag {tag.id}: black square {size:g} mm; its middle at ({place}) mm of base_link"
-            _say(axes, x, y - edge - 5.0, words)
-            _say(
-                axes, x, y + edge + 1.5, "to the nose >" if not any(tag.rpy_deg) else f"roll, pitch, yaw {tag.rpy_deg}"
-            )
-        x += card / 2 + 12.0
+            _say(axes, x, y - edge - 4.0, f"tag {tag.id}: black square {size:g} mm")
+            _say(axes, x, y - edge - 7.5, f"its middle at ({place}) mm of {frame}")
+            turned = ", ".join(f"{number:g}" for number in tag.rpy_deg)
+            _say(axes, x, y + edge + 1.5, f"roll, pitch, yaw {turned}" if any(tag.rpy_deg) else "to the nose >")
+        x += slot / 2
 
 
 def _floor(axes: Axes, layout: Layout) -> None:

@@ -36,7 +36,8 @@ def print_rows(rows: list[dict[str, object]]) -> None:
 
     table = Table(*(name.replace("_", " ") for name in rows[0]))
     for row in rows:
-        table.add_row(*(f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()))
+        told = ("-" if value is None else value for value in row.values())
+        table.add_row(*(f"{value:.3g}" if isinstance(value, float) else str(value) for value in told))
     console = Console(markup=False)
     Console(markup=False, width=None if console.is_terminal else 180).print(table)
 

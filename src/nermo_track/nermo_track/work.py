@@ -21,7 +21,7 @@ from nermo_track.fuse import REACH, Disagreement, Poses, fuse
 from nermo_track.layout import Layout
 from nermo_track.recording import Source, clock_piece, write_beside
 from nermo_track.sightings import sight
-from nermo_track.track import Track, track
+from nermo_track.track import Followed, Track, track
 
 Say = Callable[[str, float], None]
 
@@ -61,6 +61,14 @@ class Tracked:
             "floor_motion_px": found.floor_motion,
             "position_sd_mm": [1e3 * value for value in _deviation(found)[:3]],
             "rotation_sd_deg": [float(np.degrees(value)) for value in _deviation(found)[3:]],
+            "markers": {
+                place: {
+                    "poses": len(marker.time),
+                    "missing_share": marker.missing.share,
+                    "position_sd_mm": [1e3 * value for value in _deviation(marker)[:3]],
+                }
+                for place, marker in found.markers.items()
+            },
         }
         if self.clock is not None:
             facts |= {
@@ -70,6 +78,7 @@ class Tracked:
                 "clock_agreement": self.clock.agreement,
                 "clock_beats_se": self.clock.beats,
                 "overlap_s": self.clock.overlap,
+                "clock_walked_share": self.clock.walked,
             }
         return facts
 
@@ -83,6 +92,8 @@ class Written:
     topic: str
     poses: int
     """How many were written: those of the time in which the mouse was commanded."""
+    markers: dict[str, int]
+    """Likewise of each marked place."""
     apart: list[Disagreement]
     out: Path
 
@@ -142,10 +153,16 @@ def into_recording(
                 f"--clock-from: is {begin:g} to {end:g} s; the recording's commands are from 0 to {last:g} s"
             )
     timed = [on_clock(film, expected) for film in films]
-    poses, apart = fuse([poses_of(film) for film in timed])
+    poses, apart = fuse([poses_of(film.track, film.clock) for film in timed])
     poses = at_commands(poses, commands)
-    topic = write_beside(origin, recording, commands, poses, out)
-    return Written(timed, parameters.name, topic, len(poses.time), apart, out)
+    markers = {
+        place: at_commands(fuse(seen)[0], commands)
+        for place in layout.markers
+        if (seen := [poses_of(film.track.markers[place], film.clock) for film in timed if place in film.track.markers])
+    }
+    topic = write_beside(origin, recording, commands, poses, markers, out)
+    counts = {place: len(marker.time) for place, marker in markers.items()}
+    return Written(timed, parameters.name, topic, len(poses.time), counts, apart, out)
 
 
 def on_clock(film: Tracked, expected: Motion) -> Tracked:
@@ -154,10 +171,9 @@ def on_clock(film: Tracked, expected: Motion) -> Tracked:
     return replace(film, clock=fit_clock(seen, expected, str(film.shot.film)))
 
 
-def poses_of(film: Tracked) -> Poses:
-    """A film's poses in the recording's time, or in its own where it has no clock."""
-    found = film.track
-    time = found.time if film.clock is None else film.clock.at(found.time)
+def poses_of(found: Followed, clock: Clock | None) -> Poses:
+    """What was followed through a film, in the recording's time, or in the film's own where it has no clock."""
+    time = found.time if clock is None else clock.at(found.time)
     return Poses(time, found.position, found.rotation, found.covariance)
 
 
@@ -188,6 +204,6 @@ def at_commands(poses: Poses, commands: Commands) -> Poses:
     )
 
 
-def _deviation(found: Track) -> list[float]:
+def _deviation(found: Followed) -> list[float]:
     """Median standard deviations [m, rad]."""
     return [float(value) for value in np.sqrt(np.median(np.diagonal(found.covariance, axis1=1, axis2=2), axis=0))]

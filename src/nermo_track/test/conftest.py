@@ -13,7 +13,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from nermo_description.robots import load_robot
 from nermo_track.bench.command import BEGIN, PLACES, Place, shoot_walk
-from nermo_track.bench.walk import Walk, walk
+from nermo_track.bench.studio import Poses
+from nermo_track.bench.walk import Walk, marked, walk
 from nermo_track.camera import save_camera
 from nermo_track.layout import load_layout
 
@@ -52,6 +53,23 @@ def films(walked: Walk, tmp_path_factory: pytest.TempPathFactory) -> dict[str, t
         save_camera(place.camera, camera)
         found[place.name] = (place, film, camera)
     return found
+
+
+@pytest.fixture(scope="session")
+def feet(walked: Walk) -> dict[str, Poses]:
+    """Where the marked places of the walk's mouse are."""
+    return marked(load_robot("nermo_lite"), walked)
+
+
+@pytest.fixture(scope="session")
+def beside(walked: Walk, feet: dict[str, Poses], tmp_path_factory: pytest.TempPathFactory) -> tuple[Place, Path, Path]:
+    """A film from near, of a mouse that wears tags on its paws, and its camera's file."""
+    folder, layout = tmp_path_factory.mktemp("beside"), load_layout()
+    place = next(place for place in PLACES if place.name == "beside")
+    film, camera = folder / "beside.avi", folder / "beside.yaml"
+    shoot_walk(place, walked, layout, film, 5.0, 7, {name: feet[name] for name in layout.markers})
+    save_camera(place.camera, camera)
+    return place, film, camera
 
 
 @pytest.fixture(scope="session")

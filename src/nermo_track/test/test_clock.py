@@ -113,3 +113,6 @@ def test_a_leg_that_is_off_moves_the_clock_of_a_walk_and_not_that_of_the_piece_b
     late, right = (abs(float(found.at(np.array([middle]))[0]) - middle) for found in (walk, piece))
     assert right < 3e-3 < 8e-3 < late
     assert late > 5.0 * walk.deviation and right < 4.0 * piece.deviation
+    # The walk's clock looks as sure, so that it is warned of; the piece's is not.
+    assert walk.walked > 0.7 and "may be wrong by 20 ms" in walk.warnings()[0]
+    assert piece.walked < 0.1 and piece.warnings() == []

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 from typer.testing import CliRunner
 
+from nermo_description.markers import MARKER_TOPIC
 from nermo_description.results import CommandError
 from nermo_description.robots import load_robot
-from nermo_gap.robots.channels import TRACKER, uncertainty
+from nermo_gap.robots.channels import TRACKER, marker, uncertainty
 from nermo_gap.robots.mcap_table import mcap_table
 from nermo_node.recording_reader import Recording
 from nermo_track.bench.command import BEGIN, COVERED, errors
@@ -82,6 +85,43 @@ def test_a_film_becomes_a_recording_that_the_diagnosis_reads(
     assert known["base_qw"] == pytest.approx(0.5 * np.median(turned))
     again = CliRunner().invoke(track_app, [*arguments, "--out", str(out)])
     assert isinstance(again.exception, CommandError) and "never overwritten" in str(again.exception)
+
+
+def test_marked_feet_are_where_they_were_and_the_diagnosis_reads_them(
+    beside, feet, bag: Path, start: int, tmp_path: Path
+) -> None:
+    _, film, camera = beside
+    out, facts = tmp_path / "filmed", tmp_path / "track.json"
+    arguments = ["film", str(film), "--camera", str(camera), "--recording", str(bag), "--out", str(out)]
+    told = CliRunner().invoke(track_app, [*arguments, "--json", str(facts)])
+    assert told.exit_code == 0, told.output
+    # The camera stands to the right: cards on the left look away.
+    seen = ("front_right_foot", "rear_right_foot")
+    assert set(json.loads(facts.read_text("utf-8"))["films"][0]["markers"]) == set(seen)
+    recording = Recording(out)
+    table = mcap_table(out, load_robot("nermo_lite"))
+    known = uncertainty([table])
+    assert "marker_front_left_foot_x" not in table
+    for place in seen:
+        topic = f"/nermo/{MARKER_TOPIC.format(place=place)}"
+        data = recording.read([topic])[topic]
+        assert len(data) > 100
+        truth, turned = feet[place]((data.stamp - start) * 1e-9)
+        off = np.column_stack([data[f"pose.pose.position.{axis}"] for axis in "xyz"]) - truth
+        spread = data["pose.covariance"].reshape(-1, 6, 6)[:, :3, :3]
+        # Across the line of sight it is told well, along it as well as is said.
+        assert np.sqrt(np.mean(off[:, 0] ** 2)) < 0.8e-3
+        assert np.sqrt(np.mean(off**2)) < 2e-3
+        scaled = np.median(np.einsum("ni,nij,nj->n", off, np.linalg.inv(spread), off)) / chi2.ppf(0.5, 3)
+        assert 1.0 / 16.0 < scaled < 16.0
+        turn = Rotation.from_quat(np.column_stack([data[f"pose.pose.orientation.{part}"] for part in "xyzw"]))
+        assert np.degrees(np.median((turn * turned.inv()).magnitude())) < 5.0
+        columns = marker(place)
+        rows = np.isfinite(table[columns[0]])
+        assert rows.sum() == len(data)
+        assert [known[column] for column in columns] == pytest.approx(
+            np.median(np.sqrt(spread[:, range(3), range(3)]), axis=0)
+        )
 
 
 @pytest.mark.slow

@@ -14,11 +14,12 @@ from typer.testing import CliRunner
 
 from nermo_description.model import build_model
 from nermo_description.parameter_files import ParameterError
+from nermo_description.parameters import LEGS
 from nermo_description.results import CommandError
 from nermo_description.robots import load_robot
 from nermo_track.calibrate import board
 from nermo_track.cli import track_app
-from nermo_track.layout import DICTIONARY, TAGS, Tag, load_layout
+from nermo_track.layout import DICTIONARY, MODULES, TAGS, Tag, load_layout
 from nermo_track.sightings import Detector
 
 DOTS_A_MM = 300.0 / 25.4
@@ -56,6 +57,16 @@ def test_corners_are_a_square_about_the_middle(size: float, place, turn) -> None
             "mouse: [{id: 2, size: 40.0, position: [0, 0, 0]}]\nfloor: [{id: 1, size: 0.05, position: [0, 0, 0]}]",
             "allowed: 0.004 to 1.0 m",
         ),
+        (
+            "mouse: [{id: 1, size: 0.05, position: [0, 0, 0]}]\nfloor: [{id: 2, size: 0.05, position: [0, 0, 0]}]\n"
+            "markers: {front_left_knee: [{id: 3, size: 0.05, position: [0, 0, 0]}]}",
+            "front_left_knee is no place for one; choose of front_left_foot",
+        ),
+        (
+            "mouse: [{id: 1, size: 0.05, position: [0, 0, 0]}]\nfloor: [{id: 2, size: 0.05, position: [0, 0, 0]}]\n"
+            "markers: {front_left_foot: [{id: 1, size: 0.05, position: [0, 0, 0]}]}",
+            "tag 1 is there twice",
+        ),
     ],
 )
 def test_a_file_that_cannot_be_is_named(tmp_path: Path, text: str, words: str) -> None:
@@ -85,9 +96,38 @@ def test_the_tag_lies_on_the_back(robot: str) -> None:
     assert inside[:, 2] == pytest.approx(half[2] + 0.002, abs=0.0015)
 
 
+@pytest.mark.parametrize("robot", ["nermo", "nermo_lite"])
+def test_cards_at_the_paws_stand_upright_look_outwards_and_touch_nothing(robot: str) -> None:
+    import mujoco
+
+    model = build_model(load_robot(robot))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    found = load_layout().markers
+    assert set(found) == {f"{leg}_foot" for leg in LEGS}
+    for place, (tag,) in found.items():
+        axes, origin = data.site(place).xmat.reshape(3, 3), data.site(place).xpos
+        _, up, out = (axes @ tag.rotation.as_matrix()).T
+        outwards = 1.0 if "left" in place else -1.0
+        assert outwards * out[1] > 0.99 and up[2] > 0.97
+        # The quiet zone of one module around it is part of the card.
+        card = tag.model_copy(update={"size": tag.size * (MODULES + 2) / MODULES})
+        corners = card.corners @ axes.T + origin
+        assert corners[:, 2].min() > 0.001
+        paw = model.site(place).bodyid[0]
+        thick = max(
+            outwards * (data.geom_xpos[g] - origin)[1] + model.geom_size[g, :2].max()
+            for g in range(model.ngeom)
+            if model.geom_bodyid[g] == paw and model.geom_type[g] == mujoco.mjtGeom.mjGEOM_SPHERE
+        )
+        assert (outwards * (corners - origin)[:, 1]).min() > thick
+
+
 def test_sheets_are_true_to_scale(tmp_path: Path) -> None:
     layout = load_layout()
-    for what, tags in (("mouse", layout.mouse), ("floor", layout.floor)):
+    glued = tuple(tag for tags in layout.markers.values() for tag in tags)
+    for what, tags in (("mouse", layout.mouse), ("markers", glued), ("floor", layout.floor)):
         out = tmp_path / f"{what}.png"
         assert CliRunner().invoke(track_app, ["sheet", "--what", what, "--out", str(out)]).exit_code == 0
         picture = cv2.imread(str(out), cv2.IMREAD_GRAYSCALE)
@@ -116,10 +156,22 @@ def test_a_pdf_has_a_page_a4_for_each(tmp_path: Path) -> None:
     told = CliRunner().invoke(track_app, ["sheet", "--out", str(out)])
     assert told.exit_code == 0 and "100 %" in told.output
     boxes = re.findall(rb"/MediaBox \[ ?([\d. ]+)\]", out.read_bytes())
-    assert len(boxes) == 3
+    assert len(boxes) == 4
     for box in boxes:
         width, height = (float(number) * 25.4 / 72.0 for number in box.split()[2:])
         assert (width, height) == pytest.approx((297.0, 210.0), abs=0.1)
+
+
+def test_a_layout_without_markers_has_no_page_for_them(tmp_path: Path) -> None:
+    tags, out = tmp_path / "tags.yaml", tmp_path / "tags.pdf"
+    tags.write_text(
+        "mouse: [{id: 0, size: 0.04, position: [0, 0, 0]}]\nfloor: [{id: 20, size: 0.06, position: [0, 0, 0]}]\n",
+        encoding="utf-8",
+    )
+    assert CliRunner().invoke(track_app, ["sheet", "--tags", str(tags), "--out", str(out)]).exit_code == 0
+    assert len(re.findall(rb"/MediaBox", out.read_bytes())) == 3
+    alone = CliRunner().invoke(track_app, ["sheet", "--what", "markers", "--tags", str(tags), "--out", str(out)])
+    assert isinstance(alone.exception, CommandError) and "has no markers" in str(alone.exception)
 
 
 @pytest.mark.parametrize(("name", "words"), [("tags.svg", "must end in"), ("tags.png", "holds one page")])

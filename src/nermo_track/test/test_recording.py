@@ -29,7 +29,8 @@ def poses(count: int) -> Poses:
 def write(path: Path, out: Path, count: int = 60) -> str:
     source = Source.at(path)
     recording = Recording(source.bag)
-    return write_beside(source, recording, recorded_commands(recording, load_robot("nermo_lite")), poses(count), out)
+    commands = recorded_commands(recording, load_robot("nermo_lite"))
+    return write_beside(source, recording, commands, poses(count), {}, out)
 
 
 def test_all_is_in_the_order_of_its_times_and_told(bag: Path, tmp_path: Path, start: int) -> None:

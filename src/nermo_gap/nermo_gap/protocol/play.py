@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from nermo_control.controller import Controller
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.types import ControlCommand, Posture
+from nermo_description.markers import MARKERS
 from nermo_description.model import build_model
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_description.stand import Stand
 from nermo_gap.protocol.types import REST, Piece, Segment
-from nermo_gap.robots.channels import MARKERS
 from nermo_gap.robots.simulated import Noise, Rows
 from nermo_sim.loop import Script, schedule
 from nermo_sim.twin import Twin

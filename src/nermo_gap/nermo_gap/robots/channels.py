@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from nermo_description.markers import MARKERS
 from nermo_description.parameters import LEGS, RobotParameters
 from simgap.data.mapping import Map, parse_map
 
@@ -22,8 +23,6 @@ TRACKER = ("base_x", "base_y", "base_z", "base_qw", "base_qx", "base_qy", "base_
 """Pose of base_link in the tracker's frame, z up: [m] and quaternion."""
 GYRO = ("gyro_x", "gyro_y", "gyro_z")
 """[rad/s], IMU axes."""
-MARKERS = {**{f"{leg}_foot": ("site", f"{leg}_foot") for leg in LEGS}, "rear_torso": ("body", "rear_torso")}
-"""What else a tracker may see, each by a marker of its own: its name, and the frame of the model where it is glued."""
 RESOLUTION = {
     "position": 1e-3,  # [rad] chosen: a magnetic encoder of 12 bits has 1.5e-3
     "torque": 2e-3,  # [N m] chosen: 1 % of the stall torque, from a current of 10 bits
@@ -56,7 +55,7 @@ class Channels:
 
 
 def said(column: str) -> str:
-    """Column of what the tracker itself says of a column of `TRACKER`: its standard deviation, in the same unit."""
+    """Column of what the tracker itself says of one of its columns: its standard deviation, in the same unit."""
     return f"{column}_said"
 
 
@@ -155,8 +154,9 @@ def uncertainty(tables: Iterable[Mapping[str, Array]]) -> dict[str, float]:
     Errors of a film are alike from picture to picture, so that its noise looks smaller than it is.
     """
     found: dict[str, float] = {}
+    columns = (*TRACKER, *(column for place in MARKERS for column in marker(place)))
     for table in tables:
-        for column in TRACKER:
+        for column in columns:
             if said(column) in table:
                 found[column] = max(found.get(column, 0.0), float(np.nanmedian(table[said(column)])))
     return found

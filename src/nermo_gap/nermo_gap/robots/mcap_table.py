@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from nermo_description.markers import MARKER_TOPIC, MARKERS
 from nermo_description.parameters import LEGS, RobotParameters
 from nermo_gap.robots.channels import (
     GYRO,
-    MARKERS,
     TRACKER,
     command,
     encoder,
@@ -29,8 +29,6 @@ Array = NDArray[np.float64]
 TRACKERS = ("tracker/odom", "truth/odom")
 """Topics with the pose of base_link as an outside tracker sees it, the first that is recorded. A simulation's truth
 stands in for the tracker; nothing else of it is read."""
-MARKER = "tracker/markers/{place}"
-"""Topic with a marker's place [m], `geometry_msgs/PointStamped`."""
 
 
 def recorded_robot(path: Path) -> str | None:
@@ -100,8 +98,12 @@ def _table(recording: Recording, robot: RobotParameters, begun: int | None) -> d
         put(tracker, list(TRACKER), np.column_stack(pose))
         put(tracker, [said(column) for column in TRACKER], _said(tracker))
     for place in MARKERS:
-        if (seen := _topic(recording, MARKER.format(place=place))) is not None:
-            put(seen, list(marker(place)), np.column_stack([seen[f"point.{axis}"] for axis in "xyz"]))
+        if (seen := _topic(recording, MARKER_TOPIC.format(place=place))) is not None:
+            columns, bare = list(marker(place)), "point.x" in seen.columns
+            where = "point" if bare else "pose.pose.position"
+            put(seen, columns, np.column_stack([seen[f"{where}.{axis}"] for axis in "xyz"]))
+            if not bare:
+                put(seen, [said(column) for column in columns], _said(seen)[:, :3])
     if (legs := topics["leg_states"]) is not None:
         put(legs, [phase(leg) for leg in LEGS], np.asarray(legs["phases"], dtype=np.float64))
     return table

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from nermo_control.controller import Controller
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.types import ControlCommand
+from nermo_description.markers import MARKERS
 from nermo_description.model import build_model
 from nermo_description.parameters import LEGS, RobotParameters
-from nermo_gap.robots.channels import GYRO, MARKERS, TRACKER, command, encoder, marker, phase, position, torque
+from nermo_gap.robots.channels import GYRO, TRACKER, command, encoder, marker, phase, position, torque
 from nermo_sim.loop import Loop, Script, schedule
 from nermo_sim.sensor_data import SensorData
 from nermo_sim.twin import Twin

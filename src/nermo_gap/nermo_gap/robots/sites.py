@@ -8,8 +8,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from nermo_description.markers import MARKERS
 from nermo_description.parameters import LEGS
-from nermo_gap.robots.channels import GYRO, MARKERS
+from nermo_gap.robots.channels import GYRO
 from simgap.data.channels import model_names
 from simgap.data.plant import Plant
 from simgap.effects.base import Effect

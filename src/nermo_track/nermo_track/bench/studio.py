@@ -6,7 +6,7 @@ rolling shutter and motion blur are as they are, and not approximated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -25,7 +25,7 @@ from nermo_track.pose import Placement
 
 Array = NDArray[np.float64]
 Poses = Callable[[Array], tuple[Array, Rotation]]
-"""Times (n,) [s] -> positions (n, 3) [m] and rotations of base_link in the world."""
+"""Times (n,) [s] -> positions (n, 3) [m] and rotations of a frame in the world."""
 Painter = Callable[[Array, float], None]
 """Paints on a picture (height, width) whose first row's exposure begins at a time [s]."""
 
@@ -119,9 +119,14 @@ class Studio:
         flaws: Flaws | None = None,
         seed: int = 0,
         painters: Sequence[Painter] = (),
+        others: Sequence[tuple[Print, Poses]] = (),
     ) -> None:
-        """``world``: the world in the camera's axes. ``painters`` paint what is no paper, after all papers."""
+        """``world``: the world in the camera's axes. ``painters`` paint what is no paper, after all papers.
+
+        ``moving`` papers lie on the body whose poses a picture is asked for, ``others`` move with frames of their own.
+        """
         self.camera, self.world, self._moving, self._flaws = camera, world, moving, flaws or Flaws()
+        self._others = others
         self._painters = painters
         self._random = np.random.default_rng(seed)
         fine = (np.arange(max(camera.width, camera.height) * FINER) + 0.5) / FINER - 0.5
@@ -137,10 +142,13 @@ class Studio:
             )
 
     @classmethod
-    def of_layout(cls, camera: Camera, world: Placement, layout: Layout, seed: int = 0) -> Studio:
-        """A camera over a floor and a mouse with tags."""
+    def of_layout(
+        cls, camera: Camera, world: Placement, layout: Layout, seed: int = 0, markers: Mapping[str, Poses] | None = None
+    ) -> Studio:
+        """A camera over a floor and a mouse with tags; ``markers``: the poses of marked places that wear theirs."""
         still, moving = ([Print.of_tag(tag) for tag in tags] for tags in (layout.floor, layout.mouse))
-        return cls(camera, world, still, moving, seed=seed)
+        worn = [(Print.of_tag(tag), poses) for place, poses in (markers or {}).items() for tag in layout.markers[place]]
+        return cls(camera, world, still, moving, seed=seed, others=worn)
 
     def picture(self, poses: Poses | None, begin: float, cover: bool = False) -> Picture:
         """The picture whose first row's exposure begins at ``begin`` [s]; ``cover``: a hand is before the mouse."""
@@ -149,6 +157,8 @@ class Studio:
         if poses is not None:
             for paper in self._moving:
                 self._paint_moving(picture, paper, poses, begin, cover)
+            for paper, own in self._others:
+                self._paint_moving(picture, paper, own, begin, False)
             for paint in self._painters:
                 paint(picture, begin)
         if self._flaws.softness > 0.0:
@@ -170,15 +180,18 @@ class Studio:
             return
         columns, rows = slice(low[0] * FINER, high[0] * FINER), slice(low[1] * FINER, high[1] * FINER)
         total = np.zeros((rows.stop - rows.start, columns.stop - columns.start))
+        touched = np.zeros(total.shape, dtype=bool)
         late = (np.arange(rows.start, rows.stop) // FINER) * camera.line_delay
         for moment in moments:
             part = self._still[rows, columns].copy()
             at = poses(moment + late)
-            self._paint(part, rows, columns, paper, *at, cover=cover)
+            touched |= self._paint(part, rows, columns, paper, *at, cover=cover)
             total += part
         fine = total / MOMENTS
         shape = (high[1] - low[1], FINER, high[0] - low[0], FINER)
-        picture[low[1] : high[1], low[0] : high[0]] = fine.reshape(shape).mean(axis=(1, 3))
+        # Around it may be another paper, which was painted before.
+        part = picture[low[1] : high[1], low[0] : high[0]]
+        np.copyto(part, fine.reshape(shape).mean(axis=(1, 3)), where=touched.reshape(shape).any(axis=(1, 3)))
 
     def _paint(
         self,
@@ -189,8 +202,11 @@ class Studio:
         place: Array,
         turn: Rotation,
         cover: bool = False,
-    ) -> None:
-        """Draw a paper where the canvas's rays meet it; ``place`` and ``turn`` of its body, one or one a row."""
+    ) -> NDArray[np.bool_]:
+        """Draw a paper where the canvas's rays meet its front, and say where; ``place`` and ``turn`` of its body.
+
+        There may be one of these, or one a row.
+        """
         axes = (turn * paper.rotation).as_matrix()
         origin = turn.apply(paper.position) + place
         start = (self._eye - origin)[:, None, :] @ axes
@@ -198,10 +214,15 @@ class Studio:
         with np.errstate(divide="ignore", invalid="ignore"):
             far = -start[..., 2] / towards[..., 2]
             across, up = start[..., 0] + far * towards[..., 0], start[..., 1] + far * towards[..., 1]
-        inside = (far > 0.0) & (np.abs(across) < 0.5 * paper.width) & (np.abs(up) < 0.5 * paper.height)
+        inside = (
+            (far > 0.0)
+            & (towards[..., 2] < 0.0)
+            & (np.abs(across) < 0.5 * paper.width)
+            & (np.abs(up) < 0.5 * paper.height)
+        )
         if cover:
             canvas[inside] = FLOOR
-            return
+            return inside
         height, width = paper.texture.shape
         column = 0.5 * (width - 1) + across * width / paper.width
         row = 0.5 * (height - 1) - up * height / paper.height
@@ -213,6 +234,7 @@ class Studio:
             borderMode=cv2.BORDER_REPLICATE,
         )
         canvas[inside] = found[inside]
+        return inside
 
 
 @cache

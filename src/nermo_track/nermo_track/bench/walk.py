@@ -1,9 +1,10 @@
-"""A walk of the twin whose truth is known: what its servos are told, and where base_link is."""
+"""A walk of the twin whose truth is known: what its servos are told, and where base_link and its feet are."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
@@ -11,9 +12,12 @@ from scipy.spatial.transform import Rotation, Slerp
 from nermo_control.controller import Controller
 from nermo_control.gait.knowledge_base import GaitParameters
 from nermo_control.types import ControlCommand, Posture
+from nermo_description.markers import MARKERS
+from nermo_description.model import build_model
 from nermo_description.parameters import RobotParameters
 from nermo_sim.loop import schedule
 from nermo_sim.twin import Twin
+from nermo_track.bench.studio import Poses
 
 Array = NDArray[np.float64]
 
@@ -46,9 +50,7 @@ class Walk:
 
     def poses(self, time: Array) -> tuple[Array, Rotation]:
         """Where base_link is at times (m,) [s], between the ticks as well; held before the first and after the last."""
-        within = np.clip(time, self.time[0], self.time[-1])
-        place = np.column_stack([np.interp(within, self.time, column) for column in self.position.T])
-        return place, Slerp(self.time, self.rotation)(within)
+        return _between(self.time, self.position, self.rotation)(time)
 
 
 def walk(robot: RobotParameters, seconds: float, steps: Steps = STEPS) -> Walk:
@@ -77,3 +79,37 @@ def walk(robot: RobotParameters, seconds: float, steps: Steps = STEPS) -> Walk:
     time = np.asarray(np.arange(ticks) * twin.period_ns * 1e-9, dtype=np.float64)
     rotation = Rotation.from_quat(np.array(turned), scalar_first=True)
     return Walk(time, np.array(told), np.array(place), rotation, np.array(joints))
+
+
+def marked(robot: RobotParameters, walked: Walk) -> dict[str, Poses]:
+    """Where the places of markers are through a walk, between the ticks as well.
+
+    Raises:
+        ValueError: the walk is without joints.
+    """
+    if walked.joints is None:
+        raise ValueError("a walk without joints has no feet")
+    model = build_model(robot)
+    data = mujoco.MjData(model)
+    place, turn = (np.empty((len(MARKERS), len(walked.time), count)) for count in (3, 9))
+    for row, joints in enumerate(walked.joints):
+        data.qpos[:] = joints
+        mujoco.mj_kinematics(model, data)
+        for number, (kind, name) in enumerate(MARKERS.values()):
+            frame = data.site(name) if kind == "site" else data.body(name)
+            place[number, row], turn[number, row] = frame.xpos, frame.xmat
+    return {
+        name: _between(walked.time, where, Rotation.from_matrix(axes.reshape(-1, 3, 3)))
+        for name, where, axes in zip(MARKERS, place, turn, strict=True)
+    }
+
+
+def _between(time: Array, position: Array, rotation: Rotation) -> Poses:
+    """Poses at any time; held before the first and after the last."""
+    turns = Slerp(time, rotation)
+
+    def at(when: Array) -> tuple[Array, Rotation]:
+        within = np.clip(when, time[0], time[-1])
+        return np.column_stack([np.interp(within, time, column) for column in position.T]), turns(within)
+
+    return at

@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from nermo_description.markers import MARKERS
 from nermo_description.model import build_model
 from nermo_description.parameters import RobotParameters
 from nermo_gap.blind.mice.faults import KINDS, KNOWN, UNKNOWN, Fault, all_forces, all_servos
 from nermo_gap.protocol.play import Body
-from nermo_gap.robots.channels import MARKERS
 from simgap.data.errors import GapInputError
 
 Array = NDArray[np.float64]
