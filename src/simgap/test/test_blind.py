@@ -225,6 +225,49 @@ def test_results_of_another_check_are_neither_gone_on_with_nor_scored(tmp_path: 
     assert score(folder, answers, out)["scored"] == 1
 
 
+def test_a_make_that_is_interrupted_goes_on_where_it_was(tmp_path: Path) -> None:
+    def made(name: str, stop: int | None = None) -> dict[str, Any]:
+        def told(done: int, count: int) -> None:
+            if done == stop:
+                raise KeyboardInterrupt
+
+        folder = tmp_path / name
+        return make(folder, tmp_path / f"{name}-answers", 5, 8, ("pendulum",), 6.0, salt="s", progress=told)
+
+    def files(name: str) -> dict[str, bytes]:
+        """All but the manifest, which says when it was made."""
+        places = (tmp_path / name, tmp_path / f"{name}-answers")
+        found = {str(f.relative_to(place)): f.read_bytes() for place in places for f in place.rglob("*") if f.is_file()}
+        return {file: data for file, data in found.items() if file != "manifest.json"}
+
+    whole = made("whole")
+    with pytest.raises(KeyboardInterrupt):
+        made("cut", stop=3)
+    kept = tmp_path / "cut" / "data" / "001" / "recording.npz"
+    before = kept.stat().st_mtime_ns
+    # A case whose answer was not written to its end is made anew.
+    answer = tmp_path / "cut-answers" / "002.json"
+    answer.write_bytes(answer.read_bytes()[:40])
+    again = made("cut")
+    assert kept.stat().st_mtime_ns == before
+    assert again["cases"] == whole["cases"] and files("cut") == files("whole")
+    with pytest.raises(BlindError, match="already exists"):
+        made("cut")
+
+
+def test_a_check_that_was_begun_is_not_mixed_with_another(tmp_path: Path) -> None:
+    def make_one(seed: int, progress: Any = None) -> None:
+        make(tmp_path / "check", tmp_path / "answers", 2, seed, ("pendulum",), 6.0, progress=progress)
+
+    def cut(done: int, count: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        make_one(1, cut)
+    with pytest.raises(BlindError, match="begin of another check"):
+        make_one(2)
+
+
 @pytest.mark.long
 def test_an_interrupted_run_ends_at_once_and_keeps_what_is_done(tmp_path: Path) -> None:
     folder, answers, out = tmp_path / "check", tmp_path / "sealed", tmp_path / "results"

@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 import yaml
 
-from simgap.blind.cases import SMALL, Case, draw, robot_of
+from simgap.blind.cases import SMALL, Case, Injected, draw, robot_of
 from simgap.blind.recordings import realise
 
 SCHEMA = "nermo_gap/blind/1"
@@ -42,10 +42,12 @@ def make(
     """Write ``folder``/data/ID/{recording.npz, map.yaml, model.xml} and ``answers``/ID.json; returns the manifest.
 
     The manifest, which is published, holds a SHA-256 of every answer (salted by a random number inside it), so that no
-    answer can be changed later; it holds neither seed nor kinds. The same seed gives the same recordings.
+    answer can be changed later; it holds neither seed nor kinds. The same seed gives the same recordings. What was made
+    before a call was interrupted is kept, and the same call goes on there.
 
     Raises:
-        BlindError: a folder that already holds a check, answers inside of the data, or values out of range.
+        BlindError: a folder that already holds a check, or the begin of another one, answers inside of the data, or
+            values out of range.
     """
     folder, answers = apart(folder, answers, count)
     if not 6.0 <= seconds <= 120.0:
@@ -54,12 +56,40 @@ def make(
         cases = draw(count, seed, robots, seconds)
     except ValueError as error:
         raise BlindError(str(error)) from error
-    entries = []
-    for done, case in enumerate(_simulated(cases, workers, robots), 1):
-        entries.append(_publish(case, folder, answers, salt))
+    _begin(answers, {"seed": seed, "cases": count, "robots": list(robots), "seconds": seconds})
+    entries = {case.id: entry for case in cases if (entry := _made_before(case, folder, answers)) is not None}
+    left = [case for case in cases if case.id not in entries]
+    for case in _simulated(left, workers, robots):
+        entries[case.id] = _publish(case, folder, answers, salt)
         if progress:
-            progress(done, count)
-    return write_manifest(folder, answers, entries, seed, robots, [c.answer() for c in cases])
+            progress(len(entries), count)
+    return write_manifest(
+        folder, answers, [entries[case.id] for case in cases], seed, robots, [case.answer() for case in cases]
+    )
+
+
+def _begin(answers: Path, asked: dict[str, Any]) -> None:
+    """Note what is made, or see that it is what was begun here. Raises BlindError where that is another check."""
+    file = answers / "asked.json"
+    if not file.exists():
+        file.write_text(json.dumps(asked) + "\n", encoding="utf-8")
+    elif json.loads(file.read_text(encoding="utf-8")) != asked:
+        raise BlindError(f"{answers} holds the begin of another check: choose another folder, or remove this one")
+
+
+def _made_before(case: Case, folder: Path, answers: Path) -> dict[str, Any] | None:
+    """The manifest's entry of a case that lies there whole, which is filled in; None where it is still to be made."""
+    answer, recording = answers / f"{case.id}.json", folder / "data" / case.id / "recording.npz"
+    try:
+        text = answer.read_text(encoding="utf-8")
+        sealed = json.loads(text)
+        recorded = recording.read_bytes()
+    except (OSError, ValueError):
+        return None
+    case.robot, case.healthy_shift = sealed["robot"], sealed["effect_on_recording"]
+    listed = ("members", "places")
+    case.faults = [Injected(**{**fault, **{n: tuple(fault[n]) for n in listed}}) for fault in sealed["faults"]]
+    return _entry(case, text, recorded)
 
 
 def apart(folder: Path, answers: Path, count: int) -> tuple[Path, Path]:
@@ -82,9 +112,14 @@ def apart(folder: Path, answers: Path, count: int) -> tuple[Path, Path]:
 
 
 def seal(answer: dict[str, Any], answers: Path, salt: str | None = None) -> str:
-    """Write ``answers``/ID.json, salted; returns its SHA-256, which is published."""
+    """Write ``answers``/ID.json, salted; returns its text, whose SHA-256 is published."""
     text = json.dumps(answer | {"salt": salt or secrets.token_hex(16)}, indent=1, sort_keys=True) + "\n"
     (answers / f"{answer['id']}.json").write_text(text, encoding="utf-8")
+    return text
+
+
+def sha256(text: str) -> str:
+    """Of a text, as hexadecimal digits."""
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -131,12 +166,18 @@ def _publish(case: Case, folder: Path, answers: Path, salt: str | None) -> dict[
     write_recording(case.columns, place / "recording.npz")
     (place / "map.yaml").write_text(yaml.safe_dump(robot.mapping, sort_keys=False), encoding="utf-8")
     (place / "model.xml").write_text(robot.xml, encoding="utf-8")
+    # The answer comes last: where it lies, the case is whole.
+    return _entry(case, seal(case.answer(), answers, salt), (place / "recording.npz").read_bytes())
+
+
+def _entry(case: Case, sealed: str, recorded: bytes) -> dict[str, Any]:
+    """What the manifest says of a case."""
     return {
         "id": case.id,
         "robot": case.robot,
         "seconds": case.seconds,
-        "answer_sha256": seal(case.answer(), answers, salt),
-        "recording_sha256": hashlib.sha256((place / "recording.npz").read_bytes()).hexdigest(),
+        "answer_sha256": sha256(sealed),
+        "recording_sha256": hashlib.sha256(recorded).hexdigest(),
     }
 
 

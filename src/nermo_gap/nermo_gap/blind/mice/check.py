@@ -17,7 +17,7 @@ from nermo_gap.blind.mice.places import part, sites_of
 from nermo_gap.protocol.record import record
 from nermo_gap.protocol.standard import protocol_of
 from simgap.blind.cases import shares_of
-from simgap.blind.make import Progress, apart, seal, write_manifest
+from simgap.blind.make import Progress, apart, seal, sha256, write_manifest
 from simgap.execution.batch import run_batch
 from simgap.execution.executors import PROCESSES
 
@@ -137,7 +137,7 @@ def make(
             "id": case.id,
             "robot": case.robot,
             "protocol": protocol,
-            "answer_sha256": seal(case.answer(), answers, salt),
+            "answer_sha256": sha256(seal(case.answer(), answers, salt)),
             "recording_sha256": recorded[case.id],
         }
         for case in cases
