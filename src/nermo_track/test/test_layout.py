@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import cv2
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -23,6 +24,15 @@ from nermo_track.layout import DICTIONARY, MODULES, TAGS, Tag, load_layout
 from nermo_track.sightings import Detector
 
 DOTS_A_MM = 300.0 / 25.4
+
+
+def standing(robot: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A robot in its stand."""
+    model = build_model(load_robot(robot))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    return model, data
 
 
 @given(
@@ -80,12 +90,7 @@ def test_a_file_that_cannot_be_is_named(tmp_path: Path, text: str, words: str) -
 @pytest.mark.parametrize("robot", ["nermo", "nermo_lite"])
 def test_the_tag_lies_on_the_back(robot: str) -> None:
     """The card is 2 mm over the torso's box, and within its edges."""
-    import mujoco
-
-    model = build_model(load_robot(robot))
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, 0)
-    mujoco.mj_forward(model, data)
+    model, data = standing(robot)
     (tag,) = load_layout().mouse
     axes = data.site("base_link").xmat.reshape(3, 3)
     corners = tag.corners @ axes.T + data.site("base_link").xpos
@@ -98,12 +103,7 @@ def test_the_tag_lies_on_the_back(robot: str) -> None:
 
 @pytest.mark.parametrize("robot", ["nermo", "nermo_lite"])
 def test_cards_at_the_paws_stand_upright_look_outwards_and_touch_nothing(robot: str) -> None:
-    import mujoco
-
-    model = build_model(load_robot(robot))
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, 0)
-    mujoco.mj_forward(model, data)
+    model, data = standing(robot)
     found = load_layout().markers
     assert set(found) == {f"{leg}_foot" for leg in LEGS}
     for place, (tag,) in found.items():

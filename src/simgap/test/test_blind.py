@@ -266,6 +266,10 @@ def test_a_check_that_was_begun_is_not_mixed_with_another(tmp_path: Path) -> Non
         make_one(1, cut)
     with pytest.raises(BlindError, match="begin of another check"):
         make_one(2)
+    # Nor with answers of which nothing says what was asked.
+    (tmp_path / "answers" / "asked.json").unlink()
+    with pytest.raises(BlindError, match="begin of another check"):
+        make_one(1)
 
 
 @pytest.mark.long

@@ -70,10 +70,10 @@ def make(
 
 def _begin(answers: Path, asked: dict[str, Any]) -> None:
     """Note what is made, or see that it is what was begun here. Raises BlindError where that is another check."""
-    file = answers / "asked.json"
-    if not file.exists():
-        file.write_text(json.dumps(asked) + "\n", encoding="utf-8")
-    elif json.loads(file.read_text(encoding="utf-8")) != asked:
+    file, text = answers / "asked.json", json.dumps(asked) + "\n"
+    if not any(answers.iterdir()):
+        file.write_text(text, encoding="utf-8")
+    elif not file.exists() or file.read_text(encoding="utf-8") != text:
         raise BlindError(f"{answers} holds the begin of another check: choose another folder, or remove this one")
 
 
