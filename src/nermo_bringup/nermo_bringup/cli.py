@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.util
 import os
@@ -178,7 +179,13 @@ def main() -> None:
 
 def _spelled(text: str) -> str:
     """A text about our words, with the command as this person calls it."""
-    return invocation.spelled(text, typer.main.get_group(app).commands)
+    return invocation.spelled(text, _words())
+
+
+@functools.cache
+def _words() -> tuple[str, ...]:
+    """All words of the command. Making a group reads the types of all its options: 50 ms."""
+    return tuple(typer.main.get_group(app).commands)
 
 
 def _as_called(part: typer.Typer) -> Any:
