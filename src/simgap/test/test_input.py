@@ -318,6 +318,17 @@ def test_wrong_units_are_noticed() -> None:
         _check("leg", table)
 
 
+def test_a_joint_that_a_stop_holds_is_not_taken_for_a_wrong_unit() -> None:
+    table = simulate("pendulum", 8.0)
+    low, high = np.quantile(table["q"], [0.0, 0.25])
+    stopped = {**table, "q": np.clip(table["q"], low, high)}
+    assert np.ptp(stopped["q"]) < np.ptp(table["q"]) / 3
+    (warning,) = _check("pendulum", stopped)
+    assert "'q'" in warning and "falls short" in warning
+    with pytest.raises(GapInputError, match="'q'.*turns for radians"):
+        _check("pendulum", {**table, "q": table["q"] / (2 * np.pi)})
+
+
 def test_wrong_units_show_in_the_replay() -> None:
     """An inertial sensor has nothing but the model to be compared with."""
     plant, rng = plant_of("leg"), np.random.default_rng(0)

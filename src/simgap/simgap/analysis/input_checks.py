@@ -161,13 +161,14 @@ def _check_commands(plant: Plant, aligned: Aligned, warnings: list[str]) -> None
     done = np.stack([plant.outputs[o].coordinate(aligned.outputs[:, o]) for _, o in pairs], 1)
     lag = _best_lag(told, done, aligned.period)
     told, done = told[: len(told) - lag or None], done[lag:]
-    _compare(
+    warnings += _compare(
         told,
         done,
         [plant.inputs[i].column for i, _ in pairs],
         [plant.outputs[o].column for _, o in pairs],
         "follows",
         low=0.5,
+        falls_short=True,
     )
 
 
@@ -220,9 +221,21 @@ def _check_torques(plant: Plant, aligned: Aligned, state: MeasuredState, warning
 
 
 def _compare(
-    reference: Array, values: Array, reference_names: list[str], value_names: list[str], verb: str, low: float = _CLEAR
-) -> None:
+    reference: Array,
+    values: Array,
+    reference_names: list[str],
+    value_names: list[str],
+    verb: str,
+    low: float = _CLEAR,
+    falls_short: bool = False,
+) -> list[str]:
     """Columns of ``values`` should each equal that of ``reference``: correlation high, slope near 1.
+
+    falls_short: a value may well be a fraction of its reference (a joint at a stop, a weak servo), but not a faithful
+        image of it, as in another unit.
+
+    Returns:
+        Warnings about columns that fall short.
 
     Raises:
         GapInputError: another column fits instead, the sign is opposite, or the slope is that of a unit mistaken.
@@ -231,6 +244,7 @@ def _compare(
     norm_a, norm_b = np.linalg.norm(a, axis=0) + 1e-300, np.linalg.norm(b, axis=0) + 1e-300
     match = (a.T @ b) / np.outer(norm_a, norm_b)
     n = match.shape[0]
+    warnings = []
     for i in range(n):
         for j in range(i + 1, n):
             own, crossed = min(match[i, i], match[j, j]), min(match[i, j], match[j, i])
@@ -249,12 +263,19 @@ def _compare(
             )
         if match[i, i] < low or slope <= 0 or abs(np.log(slope)) < 1.2:
             continue
+        if falls_short and slope < 1 and match[i, i] < _CLEAR:
+            warnings.append(
+                f"column {value_names[i]!r} is {slope:.2g} times what {reference_names[i]!r} says and follows it badly "
+                f"(correlation {match[i, i]:.2f}): the joint falls short of its commands, or its unit is wrong"
+            )
+            continue
         for label, ratio in _CONFUSIONS.items():
             if abs(np.log(slope / ratio)) < 0.3:
                 raise GapInputError(
                     f"column {value_names[i]!r} is {slope:.3g} times what {reference_names[i]!r} says: "
                     f"one of their units in the map is wrong (it looks like {label})"
                 )
+    return warnings
 
 
 def _slope(aligned: Aligned, i: int) -> Array:
