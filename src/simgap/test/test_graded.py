@@ -230,15 +230,18 @@ def test_who_knows_what_such_a_robot_leaves_is_told_that_more_is_left(left: floa
 # -- calibration -------------------------------------------------------------------------------------------------------
 
 
-def _fitted(factor: float, only: str = "") -> list[dict[str, object]]:
-    """Calibration of an arm whose forearm is heavier by a factor; of nuisances whose names begin with ``only``."""
+def _fitted(factor: float, only: str = "", floors: tuple[float, float] = (1.0, 1.0)) -> list[dict[str, object]]:
+    """Calibration of an arm whose forearm is heavier by a factor; of nuisances whose names begin with ``only``.
+
+    floors: Of the two joints, in theirs: a tracker that claims less than it can do.
+    """
 
     def heavier(model: mujoco.MjModel) -> None:
         model.body_mass[2] *= factor
         model.body_inertia[2] *= factor
 
     plant, aligned, floor = aligned_of("arm", simulate("arm", 10.0, change=heavier))
-    replayer = Replayer(plant, aligned, cut(aligned), floor, 1)
+    replayer = Replayer(plant, aligned, cut(aligned), floor * floors, 1)
     nuisances = enumerate_nuisances(plant, aligned.outputs.std(axis=0), np.ones(len(plant.inputs)), aligned.period)
     chosen = [n for n in nuisances if n.name.startswith(only)]
     fitter = Fitter(Residuals.build(replayer, Variant.nominal(plant)), chosen)
@@ -250,6 +253,11 @@ def test_a_mass_that_is_off_is_said_with_its_interval_and_its_share() -> None:
     assert (row["name"], row["site"], row["unit"], row["at_limit"]) == ("mass", "fore", "kg", False)
     low, high = row["ci90"]  # type: ignore[misc]
     assert row["nominal"] == pytest.approx(0.6) and low <= 1.06 * 0.6 <= high and high - low < 0.05
+    assert row["gap_share"] == pytest.approx(1.0, abs=0.1)
+
+
+def test_channels_within_their_noise_do_not_hide_the_share_of_what_explains_the_rest() -> None:
+    (row,) = _fitted(1.06, "mass", floors=(40.0, 1.0))
     assert row["gap_share"] == pytest.approx(1.0, abs=0.1)
 
 

@@ -64,12 +64,13 @@ def gap_shares(fitter: Fitter, fit: Fit, which: list[int]) -> list[float]:
     |r0|^2 - |r1|^2 = (r0 + r1) (r0 - r1), and r0 - r1 is the sum of what each of them changes: to second order the
     difference that it makes about the middle of the way. Shares of numbers that work against each other may be
     negative; with those of the effects they add up to what the fit explains. Held-out windows and channels count by
-    their own gap, so that one that is far off does not hide the rest.
+    their own gap, so that one that is far off does not hide the rest; those that are within the noise have none.
     """
     held, rest = fitter.windows.fold >= 0, np.zeros_like(fit.z)
     nominal = fitter.replay(Hypothesis(), [(np.zeros(0), rest)])[0]
     square = fitter.mean_square(nominal)
-    weight = (np.where(fitter.recorded, 1.0 / (1.0 + square), 0.0) / fitter.count)[held][:, None, :]
+    gapes = fitter.recorded & (square > 1.0)
+    weight = (np.where(gapes, 1.0 / (1.0 + square), 0.0) / fitter.count)[held][:, None, :]
     both = (nominal + fitter.replay(fit.hypothesis, [(fit.x, fit.z)])[0])[held]
     power = float((weight * nominal[held] ** 2).sum()) - float((weight * fitter.residuals.mask[held]).sum())
     neutral = fit.hypothesis.scaled(fit.hypothesis.vector("neutral"))
