@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -77,11 +77,17 @@ def bench_graph(robot: str, duration: float) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def started(robot: str, nodes: dict[str, str]) -> Iterator[Processes]:
-    """Runs nodes, name and module each, in a ROS domain of their own, and ends them."""
+def started(
+    robot: str, nodes: Mapping[str, str], parameters: Mapping[str, Sequence[str]] | None = None
+) -> Iterator[Processes]:
+    """Runs nodes, name and module each, in a ROS domain of their own, and ends them.
+
+    parameters: Of nodes, by name, that are not the usual ones, each as `name:=value`.
+    """
     os.environ.setdefault("ROS_DOMAIN_ID", DOMAIN)
     os.environ.update(loopback(os.environ))
-    processes = {name: _start(name, module, robot) for name, module in nodes.items()}
+    own = parameters or {}
+    processes = {name: _start(name, module, robot, own.get(name, ())) for name, module in nodes.items()}
     try:
         yield processes
     finally:
@@ -102,10 +108,9 @@ def cpu_meters(processes: Processes) -> dict[str, psutil.Process]:
     return meters
 
 
-def _start(name: str, module: str, robot: str) -> subprocess.Popen[bytes]:
-    parameters = ["-p", "use_sim_time:=true"]
-    if name in WITH_ROBOT:
-        parameters += ["-p", f"robot:={robot}"]
+def _start(name: str, module: str, robot: str, own: Sequence[str]) -> subprocess.Popen[bytes]:
+    values = ["use_sim_time:=true", *([f"robot:={robot}"] if name in WITH_ROBOT else []), *own]
+    parameters = [word for value in values for word in ("-p", value)]
     code = f"import sys; from {module} import main; sys.exit(main())"
     return subprocess.Popen(
         [sys.executable, "-c", code, "--ros-args", *parameters],
