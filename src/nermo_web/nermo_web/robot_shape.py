@@ -73,6 +73,15 @@ class RobotShape:
         self.bodies = list(dict.fromkeys(part.body for part in self.parts))
         """Bodies that there is something to see of."""
         self._numbers = {name: model.body(name).id for name in self.bodies}
+        self.carriers = {name: self._carrier(number) for name, number in self._numbers.items()}
+        """For each of them the next one that it hangs on; empty: none."""
+
+    def _carrier(self, number: int) -> str:
+        while number > 0:
+            number = int(self._model.body_parentid[number])
+            if number in self._numbers.values():
+                return str(self._model.body(number).name)
+        return ""
 
     def by_servos(self, positions: Mapping[str, float]) -> dict[str, float]:
         """Joint angles [rad] that follow from servo positions [rad] if nothing gives way; empty where nobody knows."""

@@ -12,6 +12,7 @@ import viser
 from numpy.typing import NDArray
 
 from nermo_web.robot_shape import Placed, RobotShape
+from nermo_web.skeleton import Skeleton
 from nermo_web.trail import Trail
 
 Colour = tuple[int, int, int]
@@ -57,9 +58,10 @@ class Scene:
             shadow_opacity=0.25,
             fade_distance=3.0,
         )
-        self._bodies = {name: server.scene.add_frame(f"/ground/{name}", show_axes=False) for name in shape.bodies}
+        self._skeleton = Skeleton(server.scene, "/ground", shape)
         for number, part in enumerate(shape.parts):
-            server.scene.add_mesh_simple(f"/ground/{part.body}/{number}", part.vertices, part.faces, color=part.colour)
+            place = f"{self._skeleton.paths[part.body]}/{number}"
+            server.scene.add_mesh_simple(place, part.vertices, part.faces, color=part.colour)
         nothing = np.zeros((0, 2, 3), np.float32)
         self._tendons = server.scene.add_line_segments("/ground/tendons", nothing, TENDON, thickness=0.0008)
         self._way = server.scene.add_line_segments("/ground/way", nothing, WAY, thickness=0.002)
@@ -69,7 +71,7 @@ class Scene:
 
         self._ghost_shape = shape
         self._ghost: viser.FrameHandle | None = None
-        self._ghost_bodies: dict[str, viser.FrameHandle] = {}
+        self._ghost_skeleton: Skeleton | None = None
         self._ghost_meshes: list[tuple[str, viser.MeshHandle]] = []
 
     @property
@@ -98,8 +100,7 @@ class Scene:
             cell = (SECTION_M * round(x / SECTION_M), SECTION_M * round(y / SECTION_M), 0.0)
             if tuple(self._grid.position) != cell:
                 self._grid.position = cell
-            for name, frame in self._bodies.items():
-                frame.position, frame.wxyz = placed.position[name], placed.turn[name]
+            self._skeleton.move(placed)
             self._tendons.points = placed.tendons
             self._forces.points = arrows
 
@@ -107,11 +108,10 @@ class Scene:
         """Draws a second robot that one can see through, in a colour for each body; the first time it is brought."""
         if self._ghost is None:
             self._bring_ghost()
-        assert self._ghost is not None
+        assert self._ghost is not None and self._ghost_skeleton is not None
         with self._server.atomic():
             self._ghost.visible = True
-            for name, frame in self._ghost_bodies.items():
-                frame.position, frame.wxyz = placed.position[name], placed.turn[name]
+            self._ghost_skeleton.move(placed)
             for body, mesh in self._ghost_meshes:
                 if mesh.color != colours[body]:
                     mesh.color = colours[body]
@@ -129,11 +129,11 @@ class Scene:
     def _bring_ghost(self) -> None:
         scene, shape = self._server.scene, self._ghost_shape
         self._ghost = scene.add_frame("/ground/ghost", show_axes=False)
-        self._ghost_bodies = {name: scene.add_frame(f"/ground/ghost/{name}", show_axes=False) for name in shape.bodies}
+        self._ghost_skeleton = Skeleton(scene, "/ground/ghost", shape)
         for number, part in enumerate(shape.parts):
             outward = trimesh.Trimesh(part.vertices, part.faces, process=False).vertex_normals
             mesh = scene.add_mesh_simple(
-                f"/ground/ghost/{part.body}/{number}",
+                f"{self._ghost_skeleton.paths[part.body]}/{number}",
                 part.vertices + np.float32(GHOST_THICKER_M) * outward.astype(np.float32),
                 part.faces,
                 opacity=GHOST_OPACITY,

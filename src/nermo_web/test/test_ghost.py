@@ -49,7 +49,7 @@ def test_a_ghost_is_brought_moved_and_taken_away() -> None:
         scene.show_ghost(placed, colours | {"torso": DIFFERS})
         assert scene.ghost_seen
         assert scene._ghost is not None
-        np.testing.assert_allclose(scene._ghost_bodies["torso"].position, placed.position["torso"])
+        np.testing.assert_allclose(scene._ghost_skeleton.frames["torso"].position, placed.position["torso"])
         assert {mesh.color for body, mesh in scene._ghost_meshes if body == "torso"} == {DIFFERS}
         scene.hide_ghost()
         assert not scene.ghost_seen
