@@ -22,6 +22,9 @@ PAGE = {"web": "nermo_web.nodes.web"}
 SETTLING_S = 3.0
 """After viewers came: the scene as they find it is sent once, which is not what a second costs."""
 
+MOST_UNANSWERED = 1000
+"""Ticks that are remembered: those of 5 s. An answer that takes longer is none."""
+
 
 @dataclass(frozen=True)
 class Row:
@@ -85,7 +88,7 @@ class _AgeProbe(Probe):
 
     def _on_states(self, message: ServoStates) -> None:
         self._heard[to_nanoseconds(message.header.stamp)] = time.monotonic_ns()
-        if len(self._heard) > 1000:
+        if len(self._heard) > MOST_UNANSWERED:
             del self._heard[next(iter(self._heard))]
 
     def _on_command(self, message: ServoCommand) -> None:
@@ -140,7 +143,5 @@ def _wait_for_page(probe: Probe, port: int, processes: Processes) -> None:
                 return
         except OSError:
             if processes["web"].poll() is not None or time.monotonic() > deadline:
-                raise CommandError(
-                    f"the page does not come up within {PATIENCE:g} s: nermo up --web says why"
-                ) from None
+                raise CommandError("the page does not come up: `nermo up --web` says why") from None
         probe.spin(0.5)
