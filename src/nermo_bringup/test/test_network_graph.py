@@ -34,7 +34,7 @@ for line in sys.stdin:
 def wire(monkeypatch):
     """Two machines and the wire between them. Whoever works there has chosen nothing."""
     opened = subnet(os.environ)
-    for name in {*os.environ} - opened.keys() | {RANGE}:
+    for name in {name for name, value in os.environ.items() if opened.get(name) != value} | {RANGE}:
         monkeypatch.delenv(name)
     network = Network()
     yield network

@@ -174,6 +174,7 @@ def test_two_graphs_do_not_disturb_each_other(graph, tmp_path: Path) -> None:
     assert told.returncode == 1
     assert "a graph is up already" in told.stderr and "/nermo/mujoco_sim" in told.stderr
     assert "take another ROS_DOMAIN_ID" in told.stderr
+    assert "1 of 1" not in told.stderr, "it was seen before anything was played"
 
 
 def test_a_real_mouse_is_not_moved_without_somebody_who_watches_it(tmp_path: Path) -> None:

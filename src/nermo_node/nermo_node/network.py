@@ -15,6 +15,7 @@ _PROFILES_OF_FAST_DDS_2 = "FASTRTPS_DEFAULT_PROFILES_FILE"
 """Fast DDS 2 knows this name only, and of Fast DDS 3 each node warns where it is set."""
 _FAST_DDS_2 = ("humble", "iron", "jazzy")
 _LOOPBACK = str(Path(__file__).with_name("loopback.xml"))
+_SUBNET = str(Path(__file__).with_name("subnet.xml"))
 
 
 def chosen_network(environment: Mapping[str, str]) -> Network:
@@ -36,8 +37,7 @@ def loopback(environment: Mapping[str, str]) -> dict[str, str]:
     Fast DDS profile of their own, gets the range LOCALHOST.
     """
     kept = dict(environment)
-    name = _PROFILES_OF_FAST_DDS_2 if kept.get("ROS_DISTRO") in _FAST_DDS_2 else PROFILES
-    if kept.get("RMW_IMPLEMENTATION", FAST_DDS).startswith(FAST_DDS) and kept.get(name, _LOOPBACK) == _LOOPBACK:
+    if name := _profiles(kept):
         kept[RANGE] = "SYSTEM_DEFAULT"
         kept[name] = _LOOPBACK
     else:
@@ -46,5 +46,18 @@ def loopback(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def subnet(environment: Mapping[str, str]) -> dict[str, str]:
-    """The environment with ROS open to every machine that this one reaches by multicast."""
-    return {**{name: value for name, value in environment.items() if value != _LOOPBACK}, RANGE: "SUBNET"}
+    """The environment with ROS open to every machine that this one reaches by multicast.
+
+    Fast DDS gets a profile that differs from its defaults in one thing: how long a new node says that it is there.
+    """
+    opened = {**environment, RANGE: "SUBNET"}
+    if name := _profiles(environment):
+        opened[name] = _SUBNET
+    return opened
+
+
+def _profiles(environment: Mapping[str, str]) -> str | None:
+    """The variable that names Fast DDS's profiles; None with another middleware, or where they are the user's own."""
+    name = _PROFILES_OF_FAST_DDS_2 if environment.get("ROS_DISTRO") in _FAST_DDS_2 else PROFILES
+    ours = environment.get(name, _LOOPBACK) in (_LOOPBACK, _SUBNET)
+    return name if ours and environment.get("RMW_IMPLEMENTATION", FAST_DDS).startswith(FAST_DDS) else None

@@ -52,6 +52,7 @@ def test_another_middleware_keeps_its_own_way() -> None:
 
 def test_a_profile_of_the_users_own_is_left_to_them() -> None:
     assert loopback({PROFILES: "mine.xml"}) == {PROFILES: "mine.xml", RANGE: "LOCALHOST"}
+    assert subnet({PROFILES: "mine.xml"}) == {PROFILES: "mine.xml", RANGE: "SUBNET"}
 
 
 @pytest.mark.parametrize(
@@ -61,7 +62,11 @@ def test_each_version_of_fast_dds_is_told_in_its_own_words(distro: str, variable
     kept = loopback({"ROS_DISTRO": distro})
     assert kept.keys() == {"ROS_DISTRO", RANGE, variable}
     assert Path(kept[variable]).is_file()
-    assert subnet(kept) == {"ROS_DISTRO": distro, RANGE: "SUBNET"}
+    opened = subnet(kept)
+    assert opened.keys() == kept.keys()
+    assert opened[RANGE] == "SUBNET"
+    assert opened[variable] != kept[variable] and Path(opened[variable]).is_file()
+    assert loopback(opened) == kept
 
 
 @pytest.mark.parametrize(

@@ -37,8 +37,8 @@ NAMESPACE = "nermo"
 COMMAND_PERIOD_S = 0.05
 SCREEN_PERIOD_S = 0.1
 KEY_PERIOD_S = 0.01
-OTHERS_S = 0.7
-"""So long we look for a graph that is there already."""
+OTHERS_S = 2.5
+"""So long we look for a graph that is up already; its nodes are seen within 1.2 s (nermo_node/loopback.xml)."""
 
 
 @dataclass(frozen=True)

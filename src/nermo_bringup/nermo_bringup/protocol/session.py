@@ -15,7 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from nermo_bringup.drive.session import Signals
+from nermo_bringup.drive.session import OTHERS_S, Signals
 from nermo_bringup.launch.command import MAIN_FILE, make_missing_keys
 from nermo_bringup.launch.description import load
 from nermo_bringup.launch.executables import find_launch_file
@@ -41,8 +41,6 @@ SPOILED = 5
 """So often a piece is played again though nobody let go."""
 CHECK_S = 0.5
 """So often we look whether the graph is still there."""
-OTHERS_S = 1.0
-"""So long we look for a graph that is up already; discovery takes some tenths of a second."""
 
 
 class LeftError(Exception):
