@@ -1,6 +1,7 @@
 """The runner with real child processes."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -202,12 +203,20 @@ def test_node_that_is_interrupted_while_it_starts_shows_no_traceback(prefix):
     prefix.executable("odd", code)
     code = "import signal\ntry:\n    print('ready', flush=True); signal.pause()\nfinally:\n    raise ValueError('why')"
     prefix.executable("wrong", code)
-    launched = Launched(prefix.launch_file(nodes("slow", "odd", "wrong")))
-    launched.wait_for("importing", "waits", "ready")
+    # What a library of C makes of it when its own initialisation is interrupted, and what was handled just then.
+    code = "import signal\ntry:\n    print('loading', flush=True); signal.pause()\n"
+    code += "except KeyboardInterrupt as e:\n    raise ImportError('initialization failed') from e"
+    prefix.executable("library", code)
+    code = "import signal\ntry:\n    {}['key']\nexcept KeyError:\n    print('looking', flush=True); signal.pause()"
+    prefix.executable("handling", code)
+    launched = Launched(prefix.launch_file(nodes("slow", "odd", "wrong", "library", "handling")))
+    launched.wait_for("importing", "waits", "ready", "loading", "looking")
     launched.process.send_signal(signal.SIGINT)
     _, output = launched.end()
     assert not [line for line in output.splitlines() if not line.startswith("[wrong]") and "Traceback" in line]
-    assert "[wrong] ValueError: why" in output
+    assert re.search(r"\[wrong\] +ValueError: why", output)
+    assert "initialization failed" not in output and "KeyError" not in output
+    assert not re.search(r"\[(slow|library|handling)\] +ended with", output)
 
 
 def test_log_output_shows_errors_only(prefix):

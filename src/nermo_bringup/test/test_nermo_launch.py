@@ -1,10 +1,13 @@
 """The launch file that users start, in all its variants, against what the packages install."""
 
+import subprocess
+import sys
 from itertools import product
 from pathlib import Path
 
 import pytest
 
+from nermo_bringup.launch.claim import claimed
 from nermo_bringup.launch.command import bring_up
 from nermo_bringup.launch.description import load, load_arguments
 from nermo_bringup.launch.xml import LaunchError
@@ -119,3 +122,35 @@ def test_a_robot_s_file_decides_on_its_controller(tmp_path):
 def test_cheetah_cub_has_no_electronics():
     with pytest.raises(CommandError, match="--target serial: there are no electronics for cheetah_cub"):
         bring_up("cheetah_cub", "serial", "", [])
+
+
+_HOLDER = """
+import sys
+from pathlib import Path
+from nermo_bringup.launch.claim import claimed
+from nermo_bringup.launch.description import load
+with claimed(load(Path(sys.argv[1]), {}).nodes):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_second_graph_of_the_same_names_is_refused_until_the_first_is_gone_however_it_goes(monkeypatch):
+    holder = subprocess.Popen(
+        [sys.executable, "-c", _HOLDER, str(FILE)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert holder.stdout.readline() == "held\n"
+        with pytest.raises(CommandError, match=f"a graph is up already .*/nermo/.*of process {holder.pid}"):
+            bring_up("nermo_lite", "sim", "", [])
+        with claimed(load(FILE, {"namespace": "mouse_2"}).nodes):
+            pass
+        monkeypatch.setenv("ROS_DOMAIN_ID", "101")
+        with claimed(load(FILE, {}).nodes):
+            pass
+        monkeypatch.undo()
+    finally:
+        holder.kill()
+        holder.communicate()
+    with claimed(load(FILE, {}).nodes):
+        pass

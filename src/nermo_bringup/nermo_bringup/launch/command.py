@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Literal
 
+from nermo_bringup.launch.claim import claimed
 from nermo_bringup.launch.description import load, load_arguments
 from nermo_bringup.launch.executables import find_executable, find_launch_file
 from nermo_bringup.launch.runner import launch
@@ -51,7 +53,9 @@ def launch_words(package: str, words: Sequence[str], *, show_args: bool) -> int:
             choices = f", one of {', '.join(argument.choices)}" if argument.choices else ""
             print(f"{argument.name}: {argument.description or '-'} ({default}{choices})")
         return 0
-    return launch(load(file, read_arguments(words)).nodes)
+    nodes = load(file, read_arguments(words)).nodes
+    with claimed(nodes) if file.name == MAIN_FILE else nullcontext():
+        return launch(nodes)
 
 
 def bring_up(
@@ -67,7 +71,8 @@ def bring_up(
         network: Who may take part; None leaves it to the environment.
 
     Raises:
-        CommandError: An option is wrong, the robot is not known, or what the target needs is not installed.
+        CommandError: An option is wrong, the robot is not known, what the target needs is not installed, or a graph of
+            these names is up on this machine.
     """
     arguments = {"robot": robot, "target": target, **({"record": str(Path(record).absolute())} if record else {})}
     arguments |= read_arguments(words)
@@ -94,12 +99,13 @@ def bring_up(
     nodes = load(find_launch_file("nermo_bringup", MAIN_FILE), arguments).nodes
     use_network(network)
     namespace = arguments.get("namespace", "nermo")
-    print(
-        "Drive it with a gamepad, or from a second terminal: "
-        f"{run_line('nermo_bringup', 'keyboard_teleop')} --ros-args -r __ns:=/{namespace}\nCtrl-C ends all.",
-        flush=True,
-    )
-    return launch(nodes)
+    with claimed(nodes):
+        print(
+            "Drive it with a gamepad, or from a second terminal: "
+            f"{run_line('nermo_bringup', 'keyboard_teleop')} --ros-args -r __ns:=/{namespace}\nCtrl-C ends all.",
+            flush=True,
+        )
+        return launch(nodes)
 
 
 def check_robot(robot: str) -> str:

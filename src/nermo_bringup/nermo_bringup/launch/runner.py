@@ -30,6 +30,8 @@ _COLOURS = (36, 32, 33, 35, 34, 96, 92, 93, 95, 94)
 _PR_SET_PDEATHSIG = 1
 _CHUNK = 65536
 _FAILED, _WRONG_USAGE = 1, 2
+_INTERRUPTED = ("Traceback ", "Fatal Python error: init")
+"""So begins what a Python says that was interrupted."""
 _STAMPS = re.compile(r"\x1b\[[0-9;]*m|^(\[[^]]*\] ?)+: ")
 """What stands before the sentence in a line of ROS's log, and its colours."""
 
@@ -143,14 +145,14 @@ class Runner:
             assert process.stdout is not None
             assert process.stderr is not None
             show = node.output != "log"
-            await asyncio.gather(
+            _, interrupted = await asyncio.gather(
                 self._relay(process.stdout, label, index, show), self._relay(process.stderr, label, index, True)
             )
             status = await process.wait()
             del self._processes[process]
             how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"ended with exit status {status}"
             if self._stop.is_set():
-                if status not in (0, 130, -signal.SIGINT, -signal.SIGTERM):
+                if status not in (0, 130, -signal.SIGINT, -signal.SIGTERM) and not interrupted:
                     self._say(label, how, index)
                 return
             if status == _WRONG_USAGE:  # it would end so again
@@ -202,27 +204,27 @@ class Runner:
     def _coloured(self) -> bool:
         return self._output.isatty() and "NO_COLOR" not in os.environ
 
-    async def _relay(self, stream: asyncio.StreamReader, label: str, index: int, show: bool) -> None:
-        """Hands on whole lines, each with the node's name before it."""
+    async def _relay(self, stream: asyncio.StreamReader, label: str, index: int, show: bool) -> bool:
+        """Hands on whole lines, each with the node's name before it; whether the node was interrupted at its start.
+
+        A Python that is interrupted before its node can take the signal ends in a traceback, or several where that
+        happens in an import: what comes after the first is held back until all is heard.
+        """
         rest = b""
         held: list[str] = []
         while chunk := await stream.read(_CHUNK):
             *lines, rest = (rest + chunk).split(b"\n")
             for line in lines if show else ():
-                for text in self._worth_saying(line.decode(errors="replace"), held):
+                text = line.decode(errors="replace")
+                if held or (self._stop.is_set() and text.startswith(_INTERRUPTED)):
+                    held.append(text)
+                else:
                     self._say(label, text, index)
+        if interrupted := _was_interrupted(held):
+            held.clear()
         for text in [*held, *([rest.decode(errors="replace")] if rest else [])] if show else ():
             self._say(label, text, index)
-
-    def _worth_saying(self, line: str, held: list[str]) -> list[str]:
-        """Holds back the traceback of a Python that was interrupted before its node could take the signal."""
-        if held or (self._stop.is_set() and line.startswith("Traceback ")):
-            held.append(line)
-            if len(held) == 1 or line.startswith(" ") or not line:
-                return []
-            told, held[:] = list(held), []
-            return [] if line == "KeyboardInterrupt" else told
-        return [line]
+        return interrupted
 
     def _say(self, label: str, text: str, index: int | None = None) -> None:
         self._last[label] = text or self._last.get(label, "")
@@ -231,6 +233,14 @@ class Runner:
             name = f"\x1b[{_COLOURS[index % len(_COLOURS)]}m{name}\x1b[0m"
         with contextlib.suppress(BrokenPipeError):
             print(f"{name} {text}", file=self._output, flush=True)
+
+
+def _was_interrupted(told: Sequence[str]) -> bool:
+    """Whether these tracebacks tell of a KeyboardInterrupt, or of what an import made of one, and of no other error."""
+    if "KeyboardInterrupt" not in told:
+        return False
+    last = max(number for number, line in enumerate(told) if line == "KeyboardInterrupt")
+    return not any(line.startswith("During handling ") for line in told[last:])
 
 
 def _labels(nodes: Sequence[NodeAction]) -> list[str]:
