@@ -38,6 +38,10 @@ class _Subject:
         self.values: dict[str, Any] = {}
         self.asked = False
 
+    def forget(self) -> None:
+        """The node is gone. Its client stays for when it comes back: nobody destroys the services of one."""
+        self.described, self.values, self.asked = {}, {}, False
+
 
 class LiveParameters:
     """What there is to set, by node, always up to date: nodes come and go, and others set parameters too.
@@ -96,9 +100,10 @@ class LiveParameters:
     def _look(self) -> None:
         own, space = self._node.get_name(), self._node.get_namespace()
         there = {name for name, where in self._node.get_node_names_and_namespaces() if where == space and name != own}
-        for name in self._subjects.keys() - there:
-            del self._subjects[name]
-            self._changed()
+        for name, subject in self._subjects.items():
+            if name not in there and subject.asked:
+                subject.forget()
+                self._changed()
         for name in there:
             if name.startswith("_"):
                 continue
