@@ -14,6 +14,7 @@ from rclpy.qos import QoSProfile
 from nermo_description.commanding import Ownership, command_time
 from nermo_description.silence import OWNER
 from nermo_node import qos
+from nermo_node.backlog import Backlog
 from nermo_node.diagnostics import OK, Status
 from nermo_node.inputs import Take, kind_name, unpack
 from nermo_node.time import to_message, to_nanoseconds
@@ -27,7 +28,8 @@ class CommandInput:
 
     The first publisher whose command is usable owns them until it has been silent for `silence.OWNER`; meanwhile all
     others are refused by name. Publishers are told apart by the identifier that the middleware gives each. A ROS that
-    does not hand it over (Jazzy) cannot tell them apart, so there nobody is obeyed while there are several.
+    does not hand it over (Jazzy) cannot tell them apart, so there nobody is obeyed while there are several. Of a flood,
+    messages are left out, whosever they are.
 
     Args:
         node: Whose subscriptions these are.
@@ -39,6 +41,7 @@ class CommandInput:
 
     def __init__(self, node: Node, refuse: Callable[[str], None], now: Callable[[], int], oldest: float | None) -> None:
         self._node, self._refuse, self._now, self._oldest = node, refuse, now, oldest
+        self._backlog = Backlog(node, refuse)
         self._ownership: Ownership[bytes] = Ownership()
         self._topics: list[str] = []
         self._names: dict[bytes, str] = {}
@@ -54,6 +57,8 @@ class CommandInput:
         name = kind_name(kind)
 
         def receive(packed: bytes, info: dict[str, Any]) -> None:
+            if self._backlog.leaves_out():
+                return
             try:
                 message = partial(unpack, kind, name, packed)
                 self._receive(message, sender_of(info), (lambda _: take(packed)) if raw else take)

@@ -6,10 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
 from nermo_description.ranges import CHECKS, message_error
+from nermo_node.backlog import Backlog
 
 LARGEST_MESSAGE = 65_536
 """Bytes. A path of 20 000 points has 1.4 million, and 0.4 s would pass until Python had unpacked them."""
@@ -21,6 +22,8 @@ Take = Callable[[Any], None]
 class Inputs:
     """The subscriptions of a node. What is too long, or out of the ranges of its kind, is refused in words.
 
+    Where more comes than the node can take, messages of topics that it reads as best effort are left out.
+
     Args:
         node: Whose subscriptions these are.
         refuse: Gets a sentence for every message that is refused.
@@ -28,6 +31,7 @@ class Inputs:
 
     def __init__(self, node: Node, refuse: Callable[[str], None]) -> None:
         self._node, self._refuse = node, refuse
+        self._backlog = Backlog(node, refuse)
 
     def subscribe(
         self,
@@ -42,8 +46,11 @@ class Inputs:
         refused: called after a refusal, for whom a sensor that says what cannot be is news.
         """
         name = kind_name(kind)
+        may_be_lost = isinstance(profile, QoSProfile) and profile.reliability == ReliabilityPolicy.BEST_EFFORT
 
         def receive(packed: bytes) -> None:
+            if may_be_lost and self._backlog.leaves_out():
+                return
             try:
                 take(unpack(kind, name, packed))
             except ValueError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Callable, Iterator
 
@@ -110,3 +111,38 @@ def test_whoever_wants_hears_that_something_was_refused(door: Door) -> None:
 def test_a_kind_without_ranges_cannot_be_subscribed(door: Door) -> None:
     with pytest.raises(KeyError, match="does not know sensor_msgs/PointCloud2"):
         Inputs(door.node, door.refused.append).subscribe(PointCloud2, "cloud", door.taken.append, 10)
+
+
+def test_a_flood_that_is_too_much_is_left_out_and_what_comes_after_it_is_taken() -> None:
+    rclpy.init()
+    door = Door(EventsExecutor)
+    flooding = threading.Event()
+    try:
+        slow: list[TwistStamped] = []
+
+        def take(message: TwistStamped) -> None:
+            time.sleep(0.005)
+            slow.append(message)
+
+        Inputs(door.node, door.refused.append).subscribe(TwistStamped, "sensor", take, qos.BEST_EFFORT)
+        sender = door.node.create_publisher(TwistStamped, "sensor", qos.SENSOR)
+
+        def flood() -> None:
+            while flooding.is_set():
+                sender.publish(TwistStamped())
+                time.sleep(0.0005)
+
+        flooding.set()
+        thread = threading.Thread(target=flood)
+        thread.start()
+        try:
+            door.until(lambda: any("left out, unread" in said for said in door.refused), lambda: None)
+        finally:
+            flooding.clear()
+            thread.join()
+        one = TwistStamped()
+        one.twist.linear.x = 0.25
+        door.until(lambda: one in slow, lambda: sender.publish(one))
+    finally:
+        door.close()
+        rclpy.shutdown()
