@@ -53,6 +53,10 @@ class EmergencyStops:
             self._number[source] = self._count
         self._saying[source] = self._latched[source] = name or str(source)
 
+    def says(self, source: Hashable) -> bool:
+        """Whether a source says stop now."""
+        return source in self._saying
+
     def press(self, name: str) -> None:
         """A stop without an end of its own, as of a signal. Safe in a signal handler."""
         self.say(name, True)

@@ -64,6 +64,8 @@ class EmergencyStopInput:
 
     def _receive(self, message: Bool, info: dict[str, Any]) -> None:
         sender = sender_of(info)
+        if not message.data and not self._stops.says(sender):
+            return  # nothing new, so that who says no stop in a flood costs nothing
         self._stops.say(sender, bool(message.data), self._publishers().get(sender, f"a publisher of {TOPIC}"))
         self._changed()
 
