@@ -154,3 +154,10 @@ def test_a_second_graph_of_the_same_names_is_refused_until_the_first_is_gone_how
         holder.communicate()
     with claimed(load(FILE, {}).nodes):
         pass
+
+
+def test_where_the_locks_cannot_be_written_the_folder_is_named(monkeypatch, tmp_path):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "file"))
+    with pytest.raises(CommandError, match=r"file/nermo_graphs_\d+/.*Not a directory"), claimed(load(FILE, {}).nodes):
+        pass

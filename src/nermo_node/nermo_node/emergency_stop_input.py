@@ -65,7 +65,7 @@ class EmergencyStopInput:
     def _receive(self, message: Bool, info: dict[str, Any]) -> None:
         sender = sender_of(info)
         if not message.data and not self._stops.says(sender):
-            return  # nothing new, so that who says no stop in a flood costs nothing
+            return  # nothing new: a flood of it costs no look at who is there
         self._stops.say(sender, bool(message.data), self._publishers().get(sender, f"a publisher of {TOPIC}"))
         self._changed()
 

@@ -48,7 +48,7 @@ def loopback(environment: Mapping[str, str]) -> dict[str, str]:
 def subnet(environment: Mapping[str, str]) -> dict[str, str]:
     """The environment with ROS open to every machine that this one reaches by multicast.
 
-    Fast DDS gets a profile that differs from its defaults in one thing: how long a new node says that it is there.
+    Fast DDS gets a profile that differs from its defaults in one thing: how often each node says that it is there.
     """
     opened = {**environment, RANGE: "SUBNET"}
     if name := _profiles(environment):

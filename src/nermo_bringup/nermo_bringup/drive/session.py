@@ -38,7 +38,7 @@ COMMAND_PERIOD_S = 0.05
 SCREEN_PERIOD_S = 0.1
 KEY_PERIOD_S = 0.01
 OTHERS_S = 2.5
-"""So long we look for a graph that is up already; its nodes are seen within 1.2 s (nermo_node/loopback.xml)."""
+"""So long we look for a graph that is up already; its nodes were seen within 1.1 s (nermo_node/loopback.xml)."""
 
 
 @dataclass(frozen=True)

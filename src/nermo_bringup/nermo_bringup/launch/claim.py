@@ -20,14 +20,17 @@ def claimed(nodes: Sequence[NodeAction]) -> Iterator[None]:
     By locks on files, which end with the process however it ends, so that nothing has to be waited for or cleared up.
 
     Raises:
-        CommandError: another process has some of the names, and which one.
+        CommandError: another process has some of the names, and which one; or the files of the locks cannot be written.
     """
     domain = os.environ.get("ROS_DOMAIN_ID") or "0"
     folder = Path(tempfile.gettempdir()) / f"nermo_graphs_{os.getuid()}" / domain
-    folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as held:
         for name in sorted({node.full_name for node in nodes}):
-            file = held.enter_context((folder / name.strip("/").replace("/", ".")).open("a+"))
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                file = held.enter_context((folder / name.strip("/").replace("/", ".")).open("a+"))
+            except OSError as error:
+                raise CommandError(f"{folder}: {error.strerror}; it says which graphs are up.") from error
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
