@@ -18,8 +18,10 @@ EVENT = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Parameters, for both sides: who comes late gets the last one."""
 
-STATE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""States of several publishers, for the subscriber: as LATCHED, but none of a burst is passed over."""
+STATE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""States of several publishers, for the subscriber: as LATCHED, but none of a burst is passed over. Whoever floods the
+topic pushes the others' states out: of 10 that are kept a stop was never seen (20 000 messages a second), of 1000 it
+was after 3.5 s."""
 
 SENSOR = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 """Sensor data, for the publisher: reliable, so that whoever needs every sample can have it."""
