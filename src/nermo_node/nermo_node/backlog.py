@@ -13,6 +13,8 @@ LATE_S = 0.1
 """Whoever waits longer is helped: an emergency stop, a timer of the servos."""
 MANY = 10
 """So many messages at least are taken in that time: a process that was only not let run has fewer before it."""
+TELL_S = 10.0
+"""Between two sentences about what was left out: a busy machine would fill the terminal with them."""
 
 
 class Backlog:
@@ -25,14 +27,15 @@ class Backlog:
 
     Args:
         node: Whose queue it is.
-        tell: Gets a sentence after each time that something was left out.
+        tell: Gets a sentence after something was left out, the next one `TELL_S` later at the earliest.
     """
 
     def __init__(self, node: Node, tell: Callable[[str], None]) -> None:
         self._node, self._tell = node, tell
         self._marked: float | None = None
         self._next = 0.0
-        self._taken = self._left_out = 0
+        self._taken = self._left_out = self._untold = 0
+        self._told = -TELL_S
         self._ending = False
 
     def leaves_out(self) -> bool:
@@ -63,7 +66,9 @@ class Backlog:
             self._ending = True
             self._mark(now)
             return
-        if self._left_out > 0:
-            self._tell(f"too much at once: {self._left_out} messages left out, unread, to be in time")
+        self._untold += self._left_out
+        if self._untold > 0 and now >= self._told + TELL_S:
+            self._tell(f"too much at once: {self._untold} messages left out, unread, to be in time")
+            self._untold, self._told = 0, now
         self._marked, self._next = None, now + PROBE_S
         self._left_out, self._ending = 0, False

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 
 from nermo_node import backlog
-from nermo_node.backlog import LATE_S, MANY, PROBE_S, Backlog
+from nermo_node.backlog import LATE_S, MANY, PROBE_S, TELL_S, Backlog
 
 DROP_S = 3e-5
 
@@ -104,3 +104,13 @@ def test_all_is_taken_again_after_a_flood(monkeypatch: pytest.MonkeyPatch) -> No
     receiver.queue.run()
     assert receiver.taken - before == 100
     assert len(receiver.told) == told
+
+
+def test_what_was_left_out_is_said_now_and_then_and_none_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    receiver = Receiver(Queue(monkeypatch), 5e-3)
+    receiver.flood(400.0, 15.0)
+    receiver.flood(10.0, 3.0 * TELL_S, begin=15.0)
+    receiver.queue.run()
+    assert 2 <= len(receiver.told) <= 1 + 15.0 / TELL_S + 1
+    said = sum(int(sentence.split(": ")[1].split()[0]) for sentence in receiver.told)
+    assert said == 400 * 15 + 10 * 3 * TELL_S - receiver.taken
