@@ -86,7 +86,7 @@ def _contexts() -> Iterator[Context]:
     """Small robots that between them have a place for every effect, moved by about one of everything."""
     for name, xml in MODELS.items():
         plant = build_plant(mujoco.MjSpec.from_string(xml), parse_map(dict(MAPS[name])))
-        yield Context(plant, _ones(plant), switched=True)
+        yield Context(plant, _ones(plant), switched=True, swaying=True)
     model = """<mujoco><worldbody><geom name="floor" type="plane" size="1 1 .1"/>
       <body name="trunk" pos="0 0 .3"><freejoint/><geom name="foot_left" size=".05" pos="0 .1 -.2"/>
       <geom name="foot_right" size=".05" pos="0 -.1 -.2"/><site name="imu"/>
@@ -99,7 +99,7 @@ def _contexts() -> Iterator[Context]:
         "outputs": [{"column": a, "unit": "rad/s", "sensor": "gyro", "component": a} for a in "xyz"],
     }
     plant = build_plant(mujoco.MjSpec.from_string(model), parse_map(mapping))
-    yield Context(plant, _ones(plant), switched=True)
+    yield Context(plant, _ones(plant), switched=True, swaying=True)
 
 
 def _ones(plant: Plant) -> Scales:

@@ -33,6 +33,7 @@ NAMES = {
     *("joint_damping", "joint_rest_angle", "joint_range", "mass", "com_shift", "inertia", "ground_friction"),
     *("ground_slope", "foot_compliance", "sensor_bias", "sensor_scale", "sensor_delay", "sensor_misalignment"),
     *("sensor_saturation", "link_latency", "link_jitter", "link_loss", "clock_offset", "gravity_lean"),
+    "joint_elasticity",
 }
 
 
@@ -40,7 +41,9 @@ def _setup(name: str) -> tuple[Replayer, Variant, list[Effect]]:
     plant, aligned, floor = aligned_of(name, simulate(name, 6.0))
     replayer = Replayer(plant, aligned, cut(aligned), floor, 1)
     nominal = Variant.nominal(plant)
-    return replayer, nominal, enumerate_effects(Context(plant, measure_scales(replayer, nominal)))
+    effects = enumerate_effects(Context(plant, measure_scales(replayer, nominal)))
+    forms = [a for e in effects for a in e.alternatives() if a.form in ("filtered", "directional", "damped")]
+    return replayer, nominal, [*effects, *forms]
 
 
 def test_the_library_has_the_public_names() -> None:

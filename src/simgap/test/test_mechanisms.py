@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import mujoco
@@ -43,9 +44,9 @@ def exact(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recordings, "build", lambda *a, **k: build(*a, **(k | {"spread": (0.0, 0.0)})))
 
 
-def _case(robot: str, name: str, level: int = 1, size: float | None = None) -> Case:
+def _case(robot: str, name: str, level: int = 1, size: float | None = None, kind: str = "") -> Case:
     places = cases.all_sites(robot)
-    fault = next(f for f in FAULTS if f.name == name and places[f.kind])
+    fault = next(f for f in FAULTS if f.name == name and places[f.kind] and kind in ("", f.kind))
     site = places[fault.kind][0]
     size = fault.sizes[level] if size is None else size
     injected = Injected(name, fault.kind, site.name, site.members, LEVELS[level], size, True, site.places)
@@ -78,6 +79,7 @@ def _typical(fitter: Fitter, hypothesis: Hypothesis, x: list[float]) -> float:
         ("arm", "servo_backlash"),
         ("arm", "servo_rate_limit"),
         ("arm", "joint_range"),
+        ("arm", "joint_elasticity"),
         ("finger", "tendon_slack"),
         ("finger", "tendon_elasticity"),
     ],
@@ -95,6 +97,28 @@ def test_at_the_true_value_little_is_left(exact: None, robot: str, name: str) ->
         and all(p.name in fault.parameters for p in effect.parameters)
     ]
     assert min(left) - 1.0 < 0.3 * (without - 1.0)
+
+
+@pytest.mark.parametrize(
+    ("robot", "name", "kind", "form", "values"),
+    [
+        ("arm", "load_friction", "worm", "directional", lambda size: [0.5 * size, size]),
+        ("pendulum", "sensor_delay", "filtered", "filtered", lambda size: [size]),
+    ],
+)
+def test_a_form_leaves_little_and_less_than_the_plain_effect(
+    exact: None, robot: str, name: str, kind: str, form: str, values: Callable[[float], list[float]]
+) -> None:
+    case = _case(robot, name, kind=kind)
+    fitter, effects, _ = _replayed(case)
+    (fault,) = case.faults
+    plain = next(e for e in effects if (e.name, e.site.name) == (name, fault.site))
+    special = next(a for a in plain.alternatives() if a.form == form)
+    without = _typical(fitter, Hypothesis(), [])
+    best = min(_typical(fitter, Hypothesis((plain,)), [k * fault.size]) for k in (0.5, 0.7, 0.85, 1.0, 1.2))
+    left = _typical(fitter, Hypothesis((special,)), values(fault.size))
+    assert left - 1.0 < 0.1 * (without - 1.0)
+    assert left < 0.7 * best
 
 
 def test_a_sagging_supply_weakens_servos_at_their_limit_too(exact: None) -> None:

@@ -21,6 +21,7 @@ from simgap.data.excitation import still_joints
 from simgap.data.noise_floor import noise_floor, noise_warning
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording, concatenate
+from simgap.data.supply import sways
 from simgap.effects.base import Context
 from simgap.effects.library import enumerate_effects
 from simgap.inference.budget import SEARCH, Budget, OutOfTimeError
@@ -110,7 +111,9 @@ def search(
         nominal, nuisances = Variant.nominal(plant), nuisances_of(plant)
         replayer = replay(nominal, floor)
     windows = replayer.windows
-    context = Context(plant, measure_scales(replayer, nominal), options.groups, not aligned.enabled.all())
+    context = Context(
+        plant, measure_scales(replayer, nominal), options.groups, not aligned.enabled.all(), sways(replayer.supply)
+    )
     effects = enumerate_effects(context, options.extra_effects, options.only)
     if options.keep is not None:
         effects = [effect for effect in effects if options.keep(effect)]

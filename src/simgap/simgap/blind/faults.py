@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from simgap.blind.truth import PERIOD, Run, Soft, Truth
 
@@ -128,6 +129,19 @@ def _load(truth: Truth, scale: Scale, joint: str, size: float) -> Values:
 
     truth.friction[dof] = law
     return {"coefficient": size}
+
+
+def _worm(truth: Truth, scale: Scale, joint: str, size: float) -> Values:
+    """A gear that the load turns with three times the friction."""
+    dof = truth.dof(joint)
+    slope = _slope(truth, dof, size * scale.torque[joint], scale.speed[joint])
+
+    def law(v: float, force: float) -> float:
+        level = size * abs(force) * (1.5 if force * v < 0 else 0.5) + 1e-9
+        return float(level * np.tanh(slope * v / level))
+
+    truth.friction[dof] = law
+    return {}
 
 
 def _armature(truth: Truth, scale: Scale, joint: str, size: float) -> Values:
@@ -348,6 +362,20 @@ def _late(truth: Truth, scale: Scale, column: str, size: float) -> Values:
     return {"delay": size}
 
 
+def _smoothed(truth: Truth, scale: Scale, column: str, size: float) -> Values:
+    """Two equal filters one after the other, with the lag of one."""
+
+    def smooth(t: Array, y: Array) -> Array:
+        steps = 0.5 * size / float(t[1] - t[0])
+        keep = steps / (1.0 + steps)
+        for _ in range(2):
+            y = lfilter([1.0 - keep], [1.0, -keep], y, zi=[keep * y[0]])[0]
+        return y
+
+    truth.sensors[column] = smooth
+    return {"delay": size}
+
+
 def _saturated(truth: Truth, scale: Scale, column: str, size: float) -> Values:
     truth.sensors[column] = lambda t, y: np.clip(y, *_ends(y, size))
     return {}
@@ -393,15 +421,19 @@ def soft_of(name: str, size: float, scale: Scale, joint: str, actuator: int) -> 
     """What a fault puts between motor and link; None for faults that change the finished truth."""
     if name == "servo_backlash":
         return Soft(width=size * float(scale.swing[actuator]))
-    if name == "flexing_link":
+    if name in ("flexing_link", "joint_elasticity"):
         swing = max(scale.high[joint] - scale.low[joint], 1e-6)
-        return Soft(stiffness=4.0 * scale.torque[joint] / (size * swing))
+        return Soft(stiffness=4.0 * scale.torque[joint] / (size * swing), seen=name == "joint_elasticity")
     return None
 
 
 def _built_in(truth: Truth, scale: Scale, member: str, size: float) -> Values:
     """Play and flexing links are put in when the truth is built."""
     return {}
+
+
+def _elastic(truth: Truth, scale: Scale, joint: str, size: float) -> Values:
+    return {"compliance": 1.0 / float(truth.model.jnt_stiffness[truth.model.joint(joint).id])}
 
 
 def _backlash(truth: Truth, scale: Scale, actuator: str, size: float) -> Values:
@@ -413,6 +445,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("viscous_friction", "unsprung", (0.15, 0.35, 0.8), _viscous),
     Fault("stribeck_friction", "joint", (0.1, 0.25, 0.5), _stribeck),
     Fault("load_friction", "driven", (0.12, 0.25, 0.45), _load),
+    Fault("load_friction", "worm", (0.12, 0.25, 0.45), _worm),
     Fault("armature", "joint", (0.25, 0.6, 1.5), _armature),
     Fault("joint_stiffness", "joint", (0.2, 0.5, 1.2), _spring),
     Fault("joint_stiffness", "sprung", (0.25, 0.45, 0.75), _fatigue),
@@ -425,6 +458,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("servo_delay", "actuator", (0.006, 0.015, 0.04), _delay),
     Fault("servo_dead_band", "servo", (0.04, 0.1, 0.25), _band),
     Fault("servo_backlash", "play", (0.05, 0.12, 0.3), _backlash),
+    Fault("joint_elasticity", "elastic", (0.04, 0.1, 0.25), _elastic),
     Fault("servo_gain", "actuator", (0.75, 0.6, 0.4), _gain),
     Fault("servo_offset", "servo", (0.1, 0.2, 0.5), _offset),
     Fault("servo_rate_limit", "servo", (0.85, 0.65, 0.4), _rate),
@@ -443,6 +477,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("sensor_bias", "sensor", (0.05, 0.12, 0.3), _bias),
     Fault("sensor_scale", "sensor", (1.05, 1.12, 1.3), _scaled),
     Fault("sensor_delay", "sensor", (0.006, 0.015, 0.04), _late),
+    Fault("sensor_delay", "filtered", (0.006, 0.015, 0.04), _smoothed),
     Fault("sensor_saturation", "sensor", (0.85, 0.7, 0.5), _saturated),
     Fault("sensor_misalignment", "axes", (0.06, 0.15, 0.35), _askew),
     Fault("link_latency", "several", (0.008, 0.02, 0.05), _latency),

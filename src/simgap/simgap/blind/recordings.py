@@ -247,9 +247,8 @@ class Truths:
         """What faults put between motors and links, by joint."""
         model, scale, soft = self._healthy_truth.model, self._scale(), {}
         for injected in faults:
-            if injected.name in ("servo_backlash", "flexing_link"):
-                actuator = model.actuator(injected.members[0]).id
-                joint = str(model.joint(int(model.actuator_trnid[actuator, 0])).name)
+            if injected.name in ("servo_backlash", "flexing_link", "joint_elasticity"):
+                joint, actuator = _drive(model, injected)
                 between = soft_of(injected.name, injected.size, scale, joint, actuator)
                 if between is not None:
                     soft[joint] = between
@@ -278,6 +277,15 @@ class Truths:
     def _units(self) -> dict[str, float]:
         """SI units in a unit of each output's column."""
         return {r["column"]: 1e-3 if r.get("unit") == "mm" else 1.0 for r in self._robot.mapping["outputs"]}
+
+
+def _drive(model: mujoco.MjModel, injected: Injected) -> tuple[str, int]:
+    """The joint of a fault, and the actuator that drives it."""
+    if injected.kind == "elastic":
+        joint = model.joint(injected.members[0]).id
+        return injected.members[0], int(np.flatnonzero(model.actuator_trnid[:, 0] == joint)[0])
+    actuator = model.actuator(injected.members[0]).id
+    return str(model.joint(int(model.actuator_trnid[actuator, 0])).name), int(actuator)
 
 
 _SHARED = ("servo_delay", "servo_gain", "load_friction", "sensor_delay", "ground_friction", "link_latency", "mass")

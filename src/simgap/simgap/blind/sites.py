@@ -34,7 +34,7 @@ class Site:
 
 
 def sites(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[Site]]:
-    """Sites of each kind: joint, driven, sprung, body, actuator, servo, play, cable, foot, ground, sensor, axes..."""
+    """Sites of each kind: joint, driven, sprung, elastic, body, actuator, servo, play, cable, foot, ground..."""
     scalar = [j for j in range(model.njnt) if int(model.jnt_type[j]) in _SCALAR]
     told = {row.get("actuator") for row in mapping["inputs"]}
     actuators = [a for a in range(model.nu) if model.actuator(a).name in told]
@@ -67,12 +67,14 @@ def sites(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[Site
         # What damps a joint with a spring is called its damping, and is the same.
         "unsprung": _grouped([of("joint", j) for j in scalar if model.jnt_stiffness[j] == 0]),
         "sprung": [of("joint", j) for j in scalar if model.jnt_stiffness[j] > 0],
+        "elastic": [of("joint", int(model.actuator_trnid[a, 0])) for a in servos],
         "body": [of("body", b) for b in bodies],
         "turned": [of("body", b) for b in bodies if _turns_about_several(model, b)],
         "unbalanced": [of("body", b) for b in bodies if not _turns_upright_only(model, b)],
         "actuator": _grouped([of("actuator", a) for a in actuators]),
         "servo": _grouped([of("actuator", a) for a in servos]),
         "play": [of("actuator", a) for a in servos],
+        "worm": [of("joint", j) for j in driven],
         "cable": [of("tendon", int(model.actuator_trnid[a, 0])) for a in cables],
         "strap": [of("tendon", t) for t in range(model.ntendon) if model.tendon_limited[t]],
         "foot": [of("geom", g) for g in feet] if floored else [],
@@ -108,7 +110,7 @@ def _sensors(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[S
             columns = [column for column, _ in parts]
             near = {name, *columns, *(f"{name}:{part}" for _, part in parts)}
             axes.append(Site(name, tuple(columns), tuple(sorted(near))))
-    return {"sensor": single, "axes": axes}
+    return {"sensor": single, "filtered": single, "axes": axes}
 
 
 def _ways(model: mujoco.MjModel, body: int) -> list[int]:

@@ -25,10 +25,14 @@ PERIOD = 0.005
 
 @dataclass
 class Soft:
-    """What lies between motor and link: a free play of ``width`` [rad], or a spring of ``stiffness`` [N m/rad]."""
+    """What lies between motor and link: a free play of ``width`` [rad], or a spring of ``stiffness`` [N m/rad].
+
+    ``seen``: whether the joint's sensor sits behind the spring, at the link.
+    """
 
     width: float = 0.0
     stiffness: float = 0.0
+    seen: bool = False
 
 
 @dataclass
@@ -177,7 +181,7 @@ def build(
         start=dict(start or {}),
     )
     made.cables = {int(a): Cable() for a in np.flatnonzero(pulls & servo)}
-    made.hides_soft = {name for name, between in (soft or {}).items() if between.stiffness > 0}
+    made.hides_soft = {name for name, between in (soft or {}).items() if between.stiffness > 0 and not between.seen}
     return made
 
 

@@ -299,9 +299,15 @@ def _robot_signals(plant: Plant, variant: Variant) -> Iterator[Signal]:
             yield Signal("servo", actuators[a], quantity, float(servos.dead_band[a]), unit)
         if servos.backlash[a]:
             yield Signal("servo", actuators[a], "backlash", float(servos.backlash[a]), unit)
+        if servos.compliance[a]:
+            force = "N m" if unit == "rad" else "N"
+            yield Signal("servo", actuators[a], "compliance", float(servos.compliance[a]), f"{unit}/({force})")
+            yield Signal("servo", actuators[a], "ringing", float(servos.ringing[a]), "1")
     if servos.sag:
         yield Signal("servo", "all", "sag", float(servos.sag), "1")
         yield Signal("servo", "all", "sag_reference", float(servos.sag_reference), "1")
+    if servos.follows:
+        yield Signal("servo", "all", "follows_voltage", float(servos.follows), "1")
     for j, name in enumerate(joints):
         dof = _dof(model, j)
         if dof is None:
@@ -313,6 +319,10 @@ def _robot_signals(plant: Plant, variant: Variant) -> Iterator[Signal]:
             yield Signal("joint", name, "stribeck_speed", speed, "rad/s" if hinge else "m/s")
         if friction.load[dof]:
             yield Signal("joint", name, "load_friction", float(friction.load[dof]), "1")
+        if friction.driven[dof]:
+            speed = float(friction.load_speed[dof])
+            yield Signal("joint", name, "driven_friction", float(friction.driven[dof]), "1")
+            yield Signal("joint", name, "driven_speed", speed, "rad/s" if hinge else "m/s")
     outputs = variant.outputs
     for i, channel in enumerate(plant.outputs):
         for quantity, values, neutral, unit in (
@@ -320,6 +330,7 @@ def _robot_signals(plant: Plant, variant: Variant) -> Iterator[Signal]:
             ("bias", outputs.bias, 0.0, channel.unit),
             ("delay", outputs.delay, 0.0, "s"),
             ("lead", outputs.lead, 0.0, "s"),
+            ("lag", outputs.lag, 0.0, "s"),
             ("limit", outputs.limit, np.inf, channel.unit),
         ):
             if values[i] != neutral:

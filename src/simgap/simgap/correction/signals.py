@@ -30,10 +30,14 @@ class Signals:
       ``update`` [s] between two updates;
     - ``servo``: ``dead_band`` (half width; outside it the servo answers with its whole error),
       ``dead_band_in_part`` (with what exceeds the band), ``backlash`` (full width; here a play of the command),
-      ``sag`` (all servos lose torque by 1 / (1 + sag * load), load 1 at ``sag_reference``);
+      ``compliance`` (of the drive, per torque at the joint; here only how far it gives at rest, not that it rings, with
+      the damping ratio ``ringing``),
+      ``sag`` (all servos lose torque by 1 / (1 + sag * load), load 1 at ``sag_reference``), ``follows_voltage`` (torque
+      goes with a voltage that was measured: a simulation has none, so it does nothing here);
     - ``joint``: ``stribeck`` (friction near standstill beyond the model's) with ``stribeck_speed``,
-      ``load_friction`` (share of the transmitted torque);
-    - ``sensor``: ``scale``, ``bias``, ``delay`` [s], ``limit``.
+      ``load_friction`` (share of the transmitted torque), ``driven_friction`` (what is added to that share where the
+      load moves the drive, over a few times ``driven_speed``);
+    - ``sensor``: ``scale``, ``bias``, ``delay`` [s], ``lag`` [s] (a filter of first order), ``limit``.
     """
 
     def __init__(self, model: mujoco.MjModel, signals: Sequence[dict[str, Any]], seed: int = 0) -> None:
@@ -57,6 +61,7 @@ class Signals:
         self._acting, self._centre, self._limited = (np.full(n, np.nan) for _ in range(3))
         self._next_update = np.full(n, -np.inf)
         self._readings: dict[str, deque[tuple[float, float]]] = {}
+        self._filters: dict[str, tuple[float, float]] = {}
 
     def step(self, data: mujoco.MjData, command: Sequence[float] | Array) -> None:
         """Set ``data.ctrl``, and the joints' friction, for the coming `mj_step`."""
@@ -69,6 +74,7 @@ class Signals:
         for a in range(model.nu):
             control[a] = self._remember(a, float(control[a]))
             control[a] = self._through_dead_band(a, float(control[a]), data)
+            control[a] = self._through_drive(a, float(control[a]), data)
             if self._gains[a]:
                 control[a] = self._closed_loop(a, float(control[a]), data)
         if self._supply:
@@ -82,12 +88,21 @@ class Signals:
         for name, value in values.items():
             of = self._of.get(("sensor", name), {})
             past = self._readings.setdefault(name, deque())
-            past.append((time, value))
+            past.append((time, self._filtered(name, of.get("lag", 0.0), time, value)))
             while len(past) > 1 and past[1][0] <= time - of.get("delay", 0.0) + 1e-9:
                 past.popleft()
             limit = of.get("limit", np.inf)
             read[name] = float(np.clip(of.get("scale", 1.0) * past[0][1] + of.get("bias", 0.0), -limit, limit))
         return read
+
+    def _filtered(self, name: str, lag: float, time: float, value: float) -> float:
+        """A value behind a filter of first order."""
+        if lag <= 0.0:
+            return value
+        before, last = self._filters.get(name, (time, value))
+        found = value + lag / (lag + time - before) * (last - value)
+        self._filters[name] = time, found
+        return found
 
     def _arrived(self, a: int, command: float, time: float) -> float:
         """The command that acts in the coming step: scaled, and as late as the link and the servo make it."""
@@ -138,11 +153,23 @@ class Signals:
         if not band:
             return command
         gain, bias = model.actuator_gainprm[a, 0], model.actuator_biasprm[a, 1]
-        rest = data.actuator_length[a] if self._gains[a] else -bias / gain * data.actuator_length[a]
+        length = data.actuator_length[a]
+        rest = length / model.actuator_gear[a, 0] if self._gains[a] else -bias / gain * length
         error = command - rest
         if abs(error) <= band:
             return float(rest)
         return command if "dead_band" in of else float(rest + error - np.sign(error) * band)
+
+    def _through_drive(self, a: int, command: float, data: mujoco.MjData) -> float:
+        """What a servo gives through a drive that yields: motor and drive are two springs in a row."""
+        give, model = self._servo[a].get("compliance", 0.0), self._model
+        if not give:
+            return command
+        gear, gain, bias = model.actuator_gear[a, 0], model.actuator_gainprm[a, 0], model.actuator_biasprm[a, 1]
+        own = self._gains[a]
+        stiffness = own.get("kp", 0.0) if own else -bias * gear**2
+        rest = data.actuator_length[a] / gear if own else -bias / gain * data.actuator_length[a]
+        return float(rest + (command - rest) / (1.0 + stiffness * give))
 
     def _closed_loop(self, a: int, target: float, data: mujoco.MjData) -> float:
         """Control of a motor that holds a position: torque kp (u - q) - kd dq/dt at the joint."""
@@ -168,5 +195,7 @@ class Signals:
                 dof = self._model.jnt_dofadr[joint]
                 slow = of.get("stribeck_speed", 1.0)
                 near = of.get("stribeck", 0.0) * np.exp(-((data.qvel[dof] / slow) ** 2))
-                load = of.get("load_friction", 0.0) * abs(data.qfrc_actuator[dof])
+                force, speed = data.qfrc_actuator[dof], of.get("driven_speed", 1.0)
+                back = 0.5 * (1.0 - np.tanh(np.sign(force) * data.qvel[dof] / speed))
+                load = (of.get("load_friction", 0.0) + of.get("driven_friction", 0.0) * back) * abs(force)
                 self._model.dof_frictionloss[dof] = max(self._friction[dof] + near + load, 0.0)

@@ -64,7 +64,7 @@ def known_signals(
         field = SIGNALS[row.where][row.quantity].field
         if row.where in ("command", "recording"):
             rows = _channels(row, inputs, where)
-        elif row.quantity.startswith("sag"):
+        elif row.quantity in ("sag", "sag_reference", "follows_voltage"):
             rows = ()
         else:
             place = _place(row.name, names[row.where], where)

@@ -86,6 +86,8 @@ class Context:
     groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
     switched: bool = False
     """Whether servos were without power for a part of the recording."""
+    swaying: bool = False
+    """Whether the supply's voltage was measured, and is not always the same."""
 
     @property
     def model(self) -> mujoco.MjModel:

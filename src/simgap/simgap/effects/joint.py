@@ -1,8 +1,9 @@
-"""Effects of compliant joints and their range."""
+"""Effects of compliant joints and drives, and of their range."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -20,7 +21,8 @@ from simgap.effects.base import (
     ratio,
     scalar_joints,
 )
-from simgap.simulation.variant import Variant
+from simgap.effects.servo import commanded, swing
+from simgap.simulation.variant import SPRING_DAMPING, Variant
 
 Obj = mujoco.mjtObj
 _HARD = 250.0, 1.0
@@ -130,3 +132,59 @@ class JointRange(Effect):
             model.jnt_range[j] = [low, min(high, values[0])] if upper else [max(low, values[0]), high]
             model.jnt_limited[j] = 1
             model.jnt_solref[j] = 1.0 / (frequency * damping), damping
+
+
+class JointElasticity(ByPart):
+    """The drive between motor and joint gives like a spring and rings: a harmonic drive, a belt, a printed gear.
+
+    The servo holds its motor, whose inertia is the joint's armature; what is recorded is the joint.
+    """
+
+    name = "joint_elasticity"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        model = context.model
+        drives: dict[int, list[int]] = {}
+        for a in commanded(context.plant, ("position",)):
+            if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT:
+                drives.setdefault(int(model.actuator_trnid[a, 0]), []).append(a)
+        alone = [j for j, (a, *more) in drives.items() if not more and model.actuator_dyntype[a] == 0]
+        for site in named_sites(context, Obj.mjOBJ_JOINT, [j for j in alone if j in scalar_joints(model)]):
+            if len({joint_units(model, j) for j in site.targets}) > 1:
+                continue
+            effect = cls(site, by_joint(context, site, partial(_give, context, drives)))
+            effect._drives = tuple(drives[j][0] for j in site.targets)
+            yield effect
+
+    _drives: tuple[int, ...] = ()
+    """The actuator of each joint of the site."""
+
+    def alternatives(self) -> Sequence[Effect]:
+        """One of which it is sought how long it rings."""
+        if self.form:
+            return ()
+        ratio = Parameter("damping_ratio", "1", SPRING_DAMPING, 0.005, 1.0, (0.02, 0.05, 0.15, 0.4), SPRING_DAMPING)
+        other = JointElasticity(self.site, (*self.parameters, ratio), "damped")
+        other._drives = self._drives
+        return (other,)
+
+    @property
+    def one_size(self) -> bool:
+        """Not where how long it rings is a number too."""
+        return not self.form
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        drives, several = list(self._drives), np.asarray(values)
+        if self.form:
+            variant.servos.ringing[drives], several = several[-1], several[:-1]
+        variant.servos.compliance[drives] += several
+
+
+def _give(context: Context, drives: dict[int, list[int]], joints: Sequence[int]) -> Parameter:
+    """How far the drives of some joints give; the scale is a tenth of their commands' swing under usual torques."""
+    model = context.model
+    torque = float(max(context.scales.torque[[dof_of(model, j) for j in joints]].mean(), 1e-9))
+    angle, force = joint_units(model, joints[0])
+    told = swing(context, [drives[j][0] for j in joints])
+    return amount("compliance", f"{angle}/({force})", 0.1 * told / torque, (0.15, 0.5, 1.5, 5.0))

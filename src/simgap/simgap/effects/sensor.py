@@ -62,7 +62,7 @@ class SensorScale(Effect):
 
 
 class SensorDelay(Effect):
-    """The sensor's value is old when it is recorded."""
+    """The sensor's value is old when it is recorded: late by a constant time, or filtered (first order)."""
 
     name = "sensor_delay"
 
@@ -71,8 +71,13 @@ class SensorDelay(Effect):
         for site in sensor_sites(context.plant):
             yield cls(site, [Parameter("delay", "s", 0.0, 0.0, 0.12, (0.006, 0.02, 0.05), 0.01)])
 
+    def alternatives(self) -> Sequence[Effect]:
+        """The other of the two."""
+        return (SensorDelay(self.site, self.parameters, "" if self.form else "filtered"),)
+
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
-        variant.outputs.delay[list(self.site.targets)] += values[0]
+        path = variant.outputs.lag if self.form else variant.outputs.delay
+        path[list(self.site.targets)] += values[0]
 
 
 class SensorSaturation(Effect):

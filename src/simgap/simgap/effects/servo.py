@@ -57,7 +57,8 @@ def pulls_cable(model: mujoco.MjModel, actuator: int) -> bool:
     return bool(at_tendon and model.actuator_forcelimited[actuator] and model.actuator_forcerange[actuator, 1] <= 0)
 
 
-def _rms(context: Context, actuators: Sequence[int]) -> float:
+def swing(context: Context, actuators: Sequence[int]) -> float:
+    """How far actuators are told to move, root mean square in the unit of their commands."""
     return float(np.mean(context.scales.input_rms[channels_of(context.plant, actuators)])) or 1.0
 
 
@@ -95,7 +96,7 @@ class ServoDeadBand(Effect):
     def candidates(cls, context: Context) -> Iterable[Effect]:
         plain = [a for a in commanded(context.plant, ("position",)) if context.model.actuator_dyntype[a] == 0]
         for site in servo_sites(context, plain):
-            unit, size = servo_unit(context.plant, site.targets[0]), _rms(context, site.targets)
+            unit, size = servo_unit(context.plant, site.targets[0]), swing(context, site.targets)
             for form in ("full", "part"):
                 yield cls(site, [amount("half_width", unit, 0.1 * size, (0.1, 0.4, 1.2), high=8.0)], form)
 
@@ -117,7 +118,7 @@ class ServoBacklash(Effect):
         at_joint = [a for a in plain if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT]
         for form, actuators in (("motor", at_joint), ("command", plain)):
             for site in servo_sites(context, actuators):
-                unit, size = servo_unit(context.plant, site.targets[0]), _rms(context, site.targets)
+                unit, size = servo_unit(context.plant, site.targets[0]), swing(context, site.targets)
                 yield cls(site, [amount("width", unit, 0.1 * size, (0.15, 0.5, 1.5), high=8.0)], form)
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
@@ -227,7 +228,7 @@ class ServoOffset(ByPart):
 
 
 def _zero(context: Context, actuators: Sequence[int], unit: str) -> Parameter:
-    return amount("offset", unit, 0.1 * _rms(context, actuators), (-1.5, -0.4, 0.4, 1.5), low=-20.0)
+    return amount("offset", unit, 0.1 * swing(context, actuators), (-1.5, -0.4, 0.4, 1.5), low=-20.0)
 
 
 class ServoRateLimit(Effect):
@@ -279,7 +280,10 @@ class ServoTorqueLimit(Effect):
 
 
 class SupplySag(Effect):
-    """The supply gives way: all servos lose torque by 1 / (1 + sag * load), where load is their sum over the usual."""
+    """The supply gives way: all servos lose torque by 1 / (1 + sag * load), where load is their sum over the usual.
+
+    Measured, their torque goes with the recorded voltage.
+    """
 
     name = "supply_sag"
 
@@ -292,11 +296,17 @@ class SupplySag(Effect):
             )
             effect._reference = float(context.scales.force[actuators, -1].sum()) or 1.0
             yield effect
+            if context.swaying:
+                follows = Parameter("follows", "1", 0.0, -1.0, 4.0, (0.5, 1.0, 2.0), 0.3)
+                yield cls(effect.site, [follows], "measured")
 
     _reference = 1.0
     """Force of all servos together that counts as a load of 1."""
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        if self.form == "measured":
+            variant.servos.follows += values[0]
+            return
         variant.servos.sag += values[0]
         variant.servos.sag_reference = self._reference
 

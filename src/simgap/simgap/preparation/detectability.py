@@ -20,6 +20,7 @@ from simgap.analysis.options import Options
 from simgap.data.align import Aligned
 from simgap.data.errors import GapInputError
 from simgap.data.plant import Plant
+from simgap.data.supply import sways
 from simgap.effects.base import Context, Effect
 from simgap.effects.library import enumerate_effects
 from simgap.inference.fit import Fitter
@@ -121,7 +122,9 @@ def detectability(
     if found is None:
         return []
     replayer, whole = found
-    context = Context(plant, measure_scales(replayer, nominal), options.groups, not aligned.enabled.all())
+    context = Context(
+        plant, measure_scales(replayer, nominal), options.groups, not aligned.enabled.all(), sways(replayer.supply)
+    )
     effects = enumerate_effects(context)
     effects = _single(effects) if options.keep is None else [e for e in _first_forms(effects) if options.keep(e)]
     size = np.sqrt((aligned.inputs**2).mean(axis=0))

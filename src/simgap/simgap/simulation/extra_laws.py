@@ -1,4 +1,4 @@
-"""What servos and joints do that MuJoCo's elements do not: dead band, backlash, supply sag, load-dependent friction."""
+"""What servos and joints do that MuJoCo's elements do not: dead band, play, elastic drives, sag, friction by load."""
 
 from __future__ import annotations
 
@@ -19,9 +19,15 @@ _ROUNDING = 1e-9
 """Rows: a step that begins with a switch, to the last bit, sees it."""
 _CONTACT_STIFFNESS = 0.7
 """Stiffness of the flanks of a play, as a share of what one time step can carry: inertia / dt^2."""
-SHAPES = {"hard": "dead_band", "sag_reference": "sag", "stribeck_velocity": "stribeck"}
+SHAPES = {
+    "hard": "dead_band",
+    "ringing": "compliance",
+    "sag_reference": "sag",
+    "stribeck_velocity": "stribeck",
+    "load_speed": "driven",
+}
 """Fields of the paths that do nothing by themselves, and the field whose law each of them shapes."""
-_PAST = ("backlash",)
+_PAST = ("backlash", "compliance")
 """Laws of the servo path that have a state of their own, which the warm-up must settle."""
 _SERVO_LAWS, _FRICTION_LAWS = (
     tuple(field.name for field in fields(path) if field.name not in SHAPES) for path in (ServoPath, FrictionPath)
@@ -60,8 +66,11 @@ class ServoStep:
         self._band = np.stack([s.dead_band for s in servos])
         self._hard = np.stack([s.hard for s in servos])
         self._width = np.stack([s.backlash for s in servos])
+        self._compliance = np.stack([s.compliance for s in servos])
+        self._apart = (self._width > 0) | (self._compliance > 0)
         self._sag = np.array([s.sag for s in servos])[:, None]
         self._reference = np.array([s.sag_reference for s in servos])[:, None]
+        self._follows = np.array([s.follows for s in servos])[:, None]
         self._gain = np.stack([v.model.actuator_gainprm[:, 0] for v in variants])
         self._bias = np.stack([v.model.actuator_biasprm[:, :3] for v in variants])
         self._gear = np.stack([v.model.actuator_gear[:, 0] for v in variants])
@@ -73,10 +82,10 @@ class ServoStep:
         hinge = np.isin(model.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
         self._at_joint = np.flatnonzero(joint & hinge[np.where(joint, model.actuator_trnid[:, 0], 0)])
         self._dof = np.where(joint, model.jnt_dofadr[np.maximum(model.actuator_trnid[:, 0], 0)], 0)
-        self._play = [int(a) for a in np.flatnonzero((self._width > 0).any(axis=0)) if joint[a]]
-        if self._play:
-            dofs = self._dof[self._play]
-            self._coordinate = model.jnt_qposadr[model.actuator_trnid[self._play, 0]]
+        self._motors = [int(a) for a in np.flatnonzero(self._apart.any(axis=0)) if joint[a]]
+        if self._motors:
+            dofs = self._dof[self._motors]
+            self._coordinate = model.jnt_qposadr[model.actuator_trnid[self._motors, 0]]
             self._armature = np.stack([v.model.dof_armature[dofs] for v in variants])
             # What a flank feels: the joint's inertia with all others free to give way, without the motor's.
             total = 1.0 / np.stack([v.model.dof_invweight0[dofs] for v in variants])
@@ -84,26 +93,38 @@ class ServoStep:
             self._motor_inertia = np.maximum(self._armature, 0.02 * self._link)
             self._damping = np.stack([v.model.dof_damping[dofs] for v in variants])
             self._angle: Array | None = None
-            self._speed = np.zeros((len(variants), len(self._play)))
+            self._speed = np.zeros((len(variants), len(self._motors)))
+            # What is between motor and joint: the flanks of a play are as stiff as a time step can carry, and no spring
+            # is stiffer.
+            hardest = _CONTACT_STIFFNESS * self._link / dt**2
+            give = self._compliance[:, self._motors]
+            self._elastic = give > 0
+            self._stiffness = 1.0 / np.maximum(give, 1.0 / hardest)
+            ratio, most = np.stack([s.ringing for s in servos])[:, self._motors], (1.0 - _CONTACT_STIFFNESS) / dt
+            yielding = np.minimum(2.0 * ratio * np.sqrt(self._stiffness / self._link), most)
+            self._flank_damping = self._link * np.where(self._elastic, yielding, most)
 
     def bind(self, batch: mjbatch.Batch) -> None:
-        """Attach to a batch. A joint with play leaves its inertia and damping to the motor."""
+        """Attach to a batch. A joint with play or an elastic drive leaves its inertia and damping to the motor."""
         self._batch = batch
         self._length, self._velocity = batch.bind("actuator_length"), batch.bind("actuator_velocity")
         self._first = True
-        if not self._play:
+        if not self._motors:
             return
         gain, bias = batch.expand("actuator_gainprm"), batch.expand("actuator_biasprm")
         armature, damping = batch.expand("dof_armature"), batch.expand("dof_damping")
-        for j, a in enumerate(self._play):
-            loose = self._width[:, a] > 0
+        for j, a in enumerate(self._motors):
+            loose = self._apart[:, a]
             gain[loose, a, 0] = 0.0
             bias[loose, a, :3] = 0.0
             armature[loose, self._dof[a]] -= self._armature[loose, j]
             damping[loose, self._dof[a]] = 0.0
 
-    def step(self, control: Array) -> tuple[Array, Array]:
-        """(control that has the wanted effect (n, nu), joint forces (n, nv))."""
+    def step(self, control: Array, supply: Array | None = None) -> tuple[Array, Array]:
+        """(control that has the wanted effect (n, nu), joint forces (n, nv)).
+
+        ``supply`` (n,): the measured voltage as a share of the usual.
+        """
         if self._first:
             self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
         # A step leaves what belongs to the state before it.
@@ -117,7 +138,7 @@ class ServoStep:
             outside = np.abs(error) > self._band
             answered = np.where(self._hard, error, error - np.sign(error) * self._band)
             control = np.where(self._band > 0, zero + np.where(outside, answered, 0.0), control)
-        if self._sag.any():
+        if self._sag.any() or self._follows.any():
             asked = self._gain * control + self._bias[..., 0] + self._bias[..., 1] * length
             velocity = self._velocity.copy()
             at = self._at_joint
@@ -126,26 +147,31 @@ class ServoStep:
             force = np.clip(asked, self._low, self._high)
             load = np.abs(force * self._gear).sum(axis=1, keepdims=True) / self._reference
             # What flows is what the reduced voltage still drives, of a servo at its limit as well.
-            lost = asked - force / (1.0 + self._sag * load)
+            left = 1.0 / (1.0 + self._sag * load)
+            if supply is not None:
+                left = left * (1.0 + self._follows * (supply[:, None] - 1.0))
+            lost = asked - force * left
             control = control - np.where(self._gain == 0, 0.0, lost / np.where(self._gain == 0, 1.0, self._gain))
-        if self._play:
+        if self._motors:
             self._turn_motors(control, extra)
         return control, extra
 
     def _turn_motors(self, control: Array, extra: Array) -> None:
-        """Advance the motors behind a play by one implicit step and add the torques that reach their joints."""
-        h, a = self._dt, self._play
+        """Advance the motors behind a play or a spring by an implicit step; add the torques that reach their joints."""
+        h, a = self._dt, self._motors
         dofs, gear = self._dof[a], self._gear[:, a]
         q, rate = self._batch.qpos[:, self._coordinate], self._batch.qvel[:, dofs]
         half = 0.5 * self._width[:, a]
+        stiffness, damping = self._stiffness, self._flank_damping
         if self._angle is None:
-            # Where its servo would bring it, as far as the flanks let it.
+            # Where its servo would bring it, as far as flanks or spring let it.
             pull = gear * self._bias[:, a, 1]
             asked = self._gain[:, a] * control[:, a] + self._bias[:, a, 0]
             rest = np.divide(-asked, pull, out=q.copy(), where=pull != 0)
-            self._angle, self._speed = np.clip(rest, q - half, q + half), rate.copy()
-        stiffness = _CONTACT_STIFFNESS * self._link / h**2
-        damping = (1.0 - _CONTACT_STIFFNESS) * self._link / h
+            held = -gear * pull
+            between = (held * rest + stiffness * q) / (held + stiffness)
+            self._angle = np.where(self._elastic, between, np.clip(rest, q - half, q + half))
+            self._speed = rate.copy()
         gap = self._angle - q
         drive = self._gain[:, a] * control[:, a] + self._bias[:, a, 0]
         force = np.clip(
@@ -163,14 +189,15 @@ class ServoStep:
         side = np.where(np.abs(ahead) >= half, np.sign(ahead), 0.0)
         held = lead - stiffness * (gap - h * rate - side * half) + damping * rate
         held /= total + self._bias[:, a, 1] * h * gear**2 + stiffness * h + damping
-        torque = stiffness * (gap + h * (held - rate) - side * half) + damping * (held - rate)
-        # A flank pushes; it does not pull.
-        pushes = torque * side > 0
+        # The joint takes an explicit step, to which a spring at its end would be a damper; a flank may be one.
+        coming = np.where(self._elastic, 0.0, h * (held - rate))
+        torque = stiffness * (gap + coming - side * half) + damping * (held - rate)
+        # A flank pushes; it does not pull. A spring without play does both.
+        pushes = (torque * side > 0) | (half == 0)
         speed, torque = np.where(pushes, held, free), np.where(pushes, torque, 0.0)
         self._angle, self._speed = self._angle + h * speed, speed
-        loose = self._width[:, a] > 0
         for j, dof in enumerate(dofs):
-            extra[:, dof] += np.where(loose[:, j], torque[:, j], 0.0)
+            extra[:, dof] += np.where(self._apart[:, a[j]], torque[:, j], 0.0)
 
 
 class Switch:
@@ -208,9 +235,13 @@ class LoadFriction:
         self._stribeck = np.stack([v.friction.stribeck for v in variants])
         self._slow = np.stack([v.friction.stribeck_velocity for v in variants])
         self._load = np.stack([v.friction.load for v in variants])
+        self._driven = np.stack([v.friction.driven for v in variants])
+        self._load_speed = np.stack([v.friction.load_speed for v in variants])
 
     def at(self, loss: Array, velocity: Array, force: Array) -> Array:
         """Friction loss (n, nv) at joint velocities (n, nv) under transmitted forces (n, nv)."""
         fading = self._stribeck * np.exp(-((velocity / self._slow) ** 2))
-        result: Array = np.maximum(loss + fading + self._load * np.abs(force), 0.0)
+        # Whether the load moves its drive; at rest neither does.
+        back = 0.5 * (1.0 - np.tanh(np.sign(force) * velocity / self._load_speed))
+        result: Array = np.maximum(loss + fading + (self._load + self._driven * back) * np.abs(force), 0.0)
         return result

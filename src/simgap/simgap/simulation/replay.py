@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from simgap.data.align import Aligned
 from simgap.data.plant import Plant, euler_angles
+from simgap.data.supply import measured_supply
 from simgap.simulation.drive import Drive, Follow
 from simgap.simulation.extra_laws import LoadFriction, ServoStep, Switch, needs_friction_step, needs_past, needs_step
 from simgap.simulation.signal_path import inverse_outputs, shape_inputs
@@ -121,6 +122,7 @@ class Replayer:
             self._run_start[inside], self._run_stop[inside], self._setup[inside] = run.start, run.stop, run.setup
         self.state = self._measured(Variant.nominal(plant).outputs)
         self._always_on = bool(aligned.enabled.all())
+        self.supply = measured_supply(aligned, plant.map)
         self._start: Array | None = None
         if not self.state.complete(plant.model):
             self._start = self._observe()
@@ -309,7 +311,8 @@ class Replayer:
                 follow.apply(position, *((sims.pairs.shift, sims.pairs.rate_shift) if last else (None, None)))
             control, applied = drive.at(position)
             if servo.active:
-                control, extra = servo.step(control)
+                rows = np.minimum(drive.origin + int(position), len(self.aligned.inputs) - 1)
+                control, extra = servo.step(control, None if self.supply is None else self.supply[rows])
                 applied = applied + (extra if switch is None else extra * switch.on(position)[:, None])
             if switch is not None:
                 switch.at(position)
@@ -329,6 +332,7 @@ class Replayer:
         plant, n = self.plant, history.shape[0]
         out = np.empty((n, len(self._times), len(plant.outputs)))
         delay = np.array([v.outputs.delay - v.outputs.lead for v in variants])
+        lag = np.array([v.outputs.lag for v in variants])
         sims = np.arange(n)[:, None]
         for i, channel in enumerate(plant.outputs):
             at = np.clip((self._times[None, :] - delay[:, i : i + 1]) / self._dt, 0.0, self._steps - 1.0)
@@ -339,6 +343,8 @@ class Replayer:
                 series = np.unwrap(euler_angles(quaternion)[..., channel.euler], axis=1)
             else:
                 series = history[:, :, channel.address]
+            if lag[:, i].any():
+                series = _filtered(series, lag[:, i] / self._dt)
             out[:, :, i] = series[sims, low] * (1.0 - share) + series[sims, low + 1] * share
         for j, variant in enumerate(variants):
             for (x, y, z), turn in variant.outputs.turns:
@@ -428,7 +434,7 @@ _ROLLS, _LOOKS, _REMEMBERS = 0, 1, 2
 
 def _way(variant: Variant, always_on: bool = True) -> int:
     """How a variant must run: its servos or frictions look at the state or are switched, or its past matters."""
-    if needs_past(variant) or variant.outputs.delay.any():
+    if needs_past(variant) or variant.outputs.late.any():
         return _REMEMBERS
     if not always_on or needs_step(variant):
         return _LOOKS
@@ -454,6 +460,16 @@ def quiet_mujoco() -> Iterator[None]:
     finally:
         config.logto_console, config.logto_file = console, file
         config.set()
+
+
+def _filtered(series: Array, steps: Array) -> Array:
+    """Series (n, k) behind filters of first order, which lag by so many steps (n,); they begin at rest."""
+    keep = steps / (1.0 + steps)
+    found = np.empty_like(series)
+    value = found[:, 0] = series[:, 0]
+    for k in range(1, series.shape[1]):
+        value = found[:, k] = series[:, k] + keep * (value - series[:, k])
+    return found
 
 
 def _const(model: mujoco.MjModel) -> mujoco.MjModel:

@@ -59,11 +59,14 @@ def _remember(u: Array, aligned: Aligned, step: Array, half_play: Array) -> Arra
 
 
 def inverse_outputs(aligned: Aligned, path: OutputPath) -> Array:
-    """What the sensors would have to have seen for the recorded outputs to come out of ``path``, (n, no)."""
-    y = (aligned.outputs - path.bias) / path.scale
-    for i in np.flatnonzero(path.delay):
+    """What the sensors would have to have seen for the recorded outputs to come out of ``path``, (n, no).
+
+    Of a filter only its lateness is taken back: to undo it would blow up the noise.
+    """
+    y, late = (aligned.outputs - path.bias) / path.scale, path.late
+    for i in np.flatnonzero(late):
         for run in aligned.runs:
             rows = np.arange(run.start, run.stop)
-            y[rows, i] = np.interp(rows + path.delay[i] / aligned.period, rows, y[rows, i])
+            y[rows, i] = np.interp(rows + late[i] / aligned.period, rows, y[rows, i])
     result: Array = y
     return result

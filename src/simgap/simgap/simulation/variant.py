@@ -14,6 +14,9 @@ from simgap.data.setup import Setup
 
 Array = NDArray[np.float64]
 
+SPRING_DAMPING = 0.05
+"""Damping ratio of an elastic drive of which nothing is known: gears and belts have a few hundredths."""
+
 
 @dataclass
 class InputPath:
@@ -67,38 +70,48 @@ class ServoPath:
     """Whether the servo answers with the full error outside its dead band (True) or with what exceeds it (False)."""
     backlash: Array
     """Full width of the play between motor and joint, in joint units."""
+    compliance: Array
+    """How far the drive between motor and joint gives: joint units per torque at the joint."""
+    ringing: Array
+    """Damping ratio of a drive that gives, against a motor that stands."""
     sag: float = 0.0
     """Share of the torque that is lost when all servos together give ``sag_reference``."""
     sag_reference: float = 1.0
+    follows: float = 0.0
+    """How far torque goes with the measured voltage: 1 in proportion to it, 0 not at all."""
 
     @classmethod
     def neutral(cls, plant: Plant) -> ServoPath:
         """Nothing happens."""
         nu = plant.model.nu
-        return cls(np.zeros(nu), np.zeros(nu, bool), np.zeros(nu))
+        return cls(np.zeros(nu), np.zeros(nu, bool), np.zeros(nu), np.zeros(nu), np.full(nu, SPRING_DAMPING))
 
 
 @dataclass
 class FrictionPath:
     """Friction beyond Coulomb and viscous (which MuJoCo has), (nv,) each; neutral by default.
 
-    Friction loss = that of the model + stribeck * exp(-(v / stribeck_velocity)^2) + load * |transmitted force|.
+    Friction loss = that of the model + stribeck * exp(-(v / stribeck_velocity)^2) + (load + driven * back) *
+    |transmitted force|, where back goes from 0 (the drive moves its load) to 1 (the load moves the drive) over a few
+    times load_speed.
     """
 
     stribeck: Array
     stribeck_velocity: Array
     load: Array
+    driven: Array
+    load_speed: Array
 
     @classmethod
     def neutral(cls, plant: Plant) -> FrictionPath:
         """Nothing happens."""
         nv = plant.model.nv
-        return cls(np.zeros(nv), np.ones(nv), np.zeros(nv))
+        return cls(np.zeros(nv), np.ones(nv), np.zeros(nv), np.zeros(nv), np.ones(nv))
 
 
 @dataclass
 class OutputPath:
-    """What happens to the outputs before they are recorded, (no,) each: turn, scale, bias, delay, saturate."""
+    """What happens to the outputs before they are recorded, (no,) each: filter, turn, scale, bias, delay, saturate."""
 
     scale: Array
     bias: Array
@@ -108,6 +121,8 @@ class OutputPath:
     """Largest absolute value."""
     lead: Array
     """[s] by which an output is read later: a time step's own error, see nuisance.py."""
+    lag: Array
+    """[s] Time constant of a filter of first order."""
     turns: tuple[tuple[tuple[int, int, int], Array], ...] = ()
     """(channels x, y, z of a vector sensor, rotation matrix) pairs."""
 
@@ -115,15 +130,20 @@ class OutputPath:
     def neutral(cls, plant: Plant) -> OutputPath:
         """Nothing happens."""
         n = len(plant.outputs)
-        return cls(np.ones(n), np.zeros(n), np.zeros(n), np.full(n, np.inf), np.zeros(n))
+        return cls(np.ones(n), np.zeros(n), np.zeros(n), np.full(n, np.inf), np.zeros(n), np.zeros(n))
+
+    @property
+    def late(self) -> Array:
+        """[s] by which a slow change comes late, delayed or filtered."""
+        return self.delay + self.lag
 
     def is_static_neutral(self) -> bool:
         """Whether the measured state can be used as recorded."""
-        return bool((self.scale == 1).all() and (self.bias == 0).all() and (self.delay == 0).all())
+        return bool((self.scale == 1).all() and (self.bias == 0).all() and (self.late == 0).all())
 
     def key(self) -> bytes:
         """Equal for paths with the same inverse."""
-        return np.concatenate([self.scale, self.bias, self.delay]).tobytes()
+        return np.concatenate([self.scale, self.bias, self.late]).tobytes()
 
 
 @dataclass
