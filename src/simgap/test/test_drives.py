@@ -23,8 +23,9 @@ from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Hypothesis
 from simgap.inference.residual import Residuals
 from simgap.simulation.extra_laws import LoadFriction, ServoStep
-from simgap.simulation.replay import Replayer, _filtered
+from simgap.simulation.replay import Replayer
 from simgap.simulation.scales import measure_scales
+from simgap.simulation.signal_path import filtered
 from simgap.simulation.variant import Variant
 from simgap.simulation.windows import cut
 
@@ -151,13 +152,13 @@ def test_how_long_a_drive_rings_is_its_damping_ratio(ratio: float) -> None:
 def test_a_filter_lags_by_its_time_constant() -> None:
     steps = np.array([5.0, 40.0])
     ramp = np.tile(np.arange(800.0), (2, 1))
-    np.testing.assert_allclose(ramp[:, -1] - _filtered(ramp, steps)[:, -1], steps, rtol=1e-6)
+    np.testing.assert_allclose(ramp[:, -1] - filtered(ramp, steps)[:, -1], steps, rtol=1e-6)
     step = np.ones((2, 800))
     step[:, 0] = 0.0
-    risen = _filtered(step, steps)
+    risen = filtered(step, steps)
     for row, lag in zip(risen, steps, strict=True):
         assert row[round(lag)] == pytest.approx(1.0 - np.exp(-1.0), abs=0.1)
-    np.testing.assert_array_equal(_filtered(ramp, np.zeros(2)), ramp)
+    np.testing.assert_array_equal(filtered(ramp, np.zeros(2)), ramp)
 
 
 def test_a_worm_rubs_more_where_its_load_turns_it() -> None:

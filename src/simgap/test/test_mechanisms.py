@@ -112,8 +112,9 @@ def test_a_form_leaves_little_and_less_than_the_plain_effect(
     case = _case(robot, name, kind=kind)
     fitter, effects, _ = _replayed(case)
     (fault,) = case.faults
-    plain = next(e for e in effects if (e.name, e.site.name) == (name, fault.site))
-    special = next(a for a in plain.alternatives() if a.form == form)
+    same = [e for e in effects if (e.name, e.site.name) == (name, fault.site)]
+    plain = same[0]
+    special = next(e for e in (*same, *plain.alternatives()) if e.form == form)
     without = _typical(fitter, Hypothesis(), [])
     best = min(_typical(fitter, Hypothesis((plain,)), [k * fault.size]) for k in (0.5, 0.7, 0.85, 1.0, 1.2))
     left = _typical(fitter, Hypothesis((special,)), values(fault.size))

@@ -69,14 +69,11 @@ class SensorDelay(Effect):
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
         for site in sensor_sites(context.plant):
-            yield cls(site, [Parameter("delay", "s", 0.0, 0.0, 0.12, (0.006, 0.02, 0.05), 0.01)])
-
-    def alternatives(self) -> Sequence[Effect]:
-        """The other of the two."""
-        return (SensorDelay(self.site, self.parameters, "" if self.form else "filtered"),)
+            for form in ("late", "filtered"):
+                yield cls(site, [Parameter("delay", "s", 0.0, 0.0, 0.12, (0.006, 0.02, 0.05), 0.01)], form)
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
-        path = variant.outputs.lag if self.form else variant.outputs.delay
+        path = variant.outputs.lag if self.form == "filtered" else variant.outputs.delay
         path[list(self.site.targets)] += values[0]
 
 

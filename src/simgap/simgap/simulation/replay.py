@@ -22,7 +22,7 @@ from simgap.data.plant import Plant, euler_angles
 from simgap.data.supply import measured_supply
 from simgap.simulation.drive import Drive, Follow
 from simgap.simulation.extra_laws import LoadFriction, ServoStep, Switch, needs_friction_step, needs_past, needs_step
-from simgap.simulation.signal_path import inverse_outputs, shape_inputs
+from simgap.simulation.signal_path import filtered, inverse_outputs, shape_inputs
 from simgap.simulation.state import MeasuredState, measured_state
 from simgap.simulation.variant import InputPath, OutputPath, Variant
 from simgap.simulation.windows import Windows
@@ -344,7 +344,7 @@ class Replayer:
             else:
                 series = history[:, :, channel.address]
             if lag[:, i].any():
-                series = _filtered(series, lag[:, i] / self._dt)
+                series = filtered(series, lag[:, i] / self._dt)
             out[:, :, i] = series[sims, low] * (1.0 - share) + series[sims, low + 1] * share
         for j, variant in enumerate(variants):
             for (x, y, z), turn in variant.outputs.turns:
@@ -460,16 +460,6 @@ def quiet_mujoco() -> Iterator[None]:
     finally:
         config.logto_console, config.logto_file = console, file
         config.set()
-
-
-def _filtered(series: Array, steps: Array) -> Array:
-    """Series (n, k) behind filters of first order, which lag by so many steps (n,); they begin at rest."""
-    keep = steps / (1.0 + steps)
-    found = np.empty_like(series)
-    value = found[:, 0] = series[:, 0]
-    for k in range(1, series.shape[1]):
-        value = found[:, k] = series[:, k] + keep * (value - series[:, k])
-    return found
 
 
 def _const(model: mujoco.MjModel) -> mujoco.MjModel:

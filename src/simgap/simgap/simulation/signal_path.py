@@ -70,3 +70,13 @@ def inverse_outputs(aligned: Aligned, path: OutputPath) -> Array:
             y[rows, i] = np.interp(rows + late[i] / aligned.period, rows, y[rows, i])
     result: Array = y
     return result
+
+
+def filtered(series: Array, steps: Array) -> Array:
+    """Series (n, k) behind filters of first order, which lag by so many steps (n,); they begin at rest."""
+    keep = steps / (1.0 + steps)
+    found = np.empty_like(series)
+    value = found[:, 0] = series[:, 0]
+    for k in range(1, series.shape[1]):
+        value = found[:, k] = series[:, k] + keep * (value - series[:, k])
+    return found
