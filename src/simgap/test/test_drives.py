@@ -1,4 +1,4 @@
-"""Drives that give, reports that are filtered, gears that hold what they carry: laws against what follows from them."""
+"""Drives that give, reports that are filtered, supplies that sway: laws against what follows from them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from simgap.effects.library import enumerate_effects
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Hypothesis
 from simgap.inference.residual import Residuals
-from simgap.simulation.extra_laws import LoadFriction, ServoStep
+from simgap.simulation.extra_laws import ServoStep
 from simgap.simulation.replay import Replayer
 from simgap.simulation.scales import measure_scales
 from simgap.simulation.signal_path import filtered
@@ -159,19 +159,3 @@ def test_a_filter_lags_by_its_time_constant() -> None:
     for row, lag in zip(risen, steps, strict=True):
         assert row[round(lag)] == pytest.approx(1.0 - np.exp(-1.0), abs=0.1)
     np.testing.assert_array_equal(filtered(ramp, np.zeros(2)), ramp)
-
-
-def test_a_worm_rubs_more_where_its_load_turns_it() -> None:
-    spec = mujoco.MjSpec.from_string(_TURNTABLE.format(gravity=0, axis="0 0 1"))
-    variant = Variant.nominal(build_plant(spec, parse_map(_MAP)))
-    variant.friction.load[:], variant.friction.driven[:], variant.friction.load_speed[:] = 0.1, 0.3, 0.01
-    law = LoadFriction([variant])
-
-    def loss(velocity: float, force: float) -> float:
-        return float(law.at(np.zeros((1, 1)), np.full((1, 1), velocity), np.full((1, 1), force))[0, 0])
-
-    for side in (-1.0, 1.0):
-        assert loss(1.0 * side, 2.0 * side) == pytest.approx(0.1 * 2.0)
-        assert loss(-1.0 * side, 2.0 * side) == pytest.approx((0.1 + 0.3) * 2.0)
-        assert loss(0.0, 2.0 * side) == pytest.approx((0.1 + 0.15) * 2.0)
-    assert loss(1.0, 0.0) == 0.0

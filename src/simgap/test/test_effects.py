@@ -42,7 +42,7 @@ def _setup(name: str) -> tuple[Replayer, Variant, list[Effect]]:
     replayer = Replayer(plant, aligned, cut(aligned), floor, 1)
     nominal = Variant.nominal(plant)
     effects = enumerate_effects(Context(plant, measure_scales(replayer, nominal)))
-    forms = [a for e in effects for a in e.alternatives() if a.form in ("directional", "damped")]
+    forms = [a for e in effects for a in e.alternatives() if a.form == "damped"]
     return replayer, nominal, [*effects, *forms]
 
 

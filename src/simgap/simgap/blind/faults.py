@@ -131,19 +131,6 @@ def _load(truth: Truth, scale: Scale, joint: str, size: float) -> Values:
     return {"coefficient": size}
 
 
-def _worm(truth: Truth, scale: Scale, joint: str, size: float) -> Values:
-    """A gear that the load turns with three times the friction."""
-    dof = truth.dof(joint)
-    slope = _slope(truth, dof, size * scale.torque[joint], scale.speed[joint])
-
-    def law(v: float, force: float) -> float:
-        level = size * abs(force) * (1.5 if force * v < 0 else 0.5) + 1e-9
-        return float(level * np.tanh(slope * v / level))
-
-    truth.friction[dof] = law
-    return {}
-
-
 def _armature(truth: Truth, scale: Scale, joint: str, size: float) -> Values:
     extra = size * scale.inertia[joint]
     truth.model.dof_armature[truth.dof(joint)] += extra
@@ -445,7 +432,6 @@ FAULTS: tuple[Fault, ...] = (
     Fault("viscous_friction", "unsprung", (0.15, 0.35, 0.8), _viscous),
     Fault("stribeck_friction", "joint", (0.1, 0.25, 0.5), _stribeck),
     Fault("load_friction", "driven", (0.12, 0.25, 0.45), _load),
-    Fault("load_friction", "worm", (0.12, 0.25, 0.45), _worm),
     Fault("armature", "joint", (0.25, 0.6, 1.5), _armature),
     Fault("joint_stiffness", "joint", (0.2, 0.5, 1.2), _spring),
     Fault("joint_stiffness", "sprung", (0.25, 0.45, 0.75), _fatigue),

@@ -74,7 +74,6 @@ def sites(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[Site
         "actuator": _grouped([of("actuator", a) for a in actuators]),
         "servo": _grouped([of("actuator", a) for a in servos]),
         "play": [of("actuator", a) for a in servos],
-        "worm": [of("joint", j) for j in driven],
         "cable": [of("tendon", int(model.actuator_trnid[a, 0])) for a in cables],
         "strap": [of("tendon", t) for t in range(model.ntendon) if model.tendon_limited[t]],
         "foot": [of("geom", g) for g in feet] if floored else [],

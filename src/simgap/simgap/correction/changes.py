@@ -319,10 +319,6 @@ def _robot_signals(plant: Plant, variant: Variant) -> Iterator[Signal]:
             yield Signal("joint", name, "stribeck_speed", speed, "rad/s" if hinge else "m/s")
         if friction.load[dof]:
             yield Signal("joint", name, "load_friction", float(friction.load[dof]), "1")
-        if friction.driven[dof]:
-            speed = float(friction.load_speed[dof])
-            yield Signal("joint", name, "driven_friction", float(friction.driven[dof]), "1")
-            yield Signal("joint", name, "driven_speed", speed, "rad/s" if hinge else "m/s")
     outputs = variant.outputs
     for i, channel in enumerate(plant.outputs):
         for quantity, values, neutral, unit in (

@@ -35,8 +35,7 @@ class Signals:
       ``sag`` (all servos lose torque by 1 / (1 + sag * load), load 1 at ``sag_reference``), ``follows_voltage`` (torque
       goes with a voltage that was measured: a simulation has none, so it does nothing here);
     - ``joint``: ``stribeck`` (friction near standstill beyond the model's) with ``stribeck_speed``,
-      ``load_friction`` (share of the transmitted torque), ``driven_friction`` (what is added to that share where the
-      load moves the drive, over a few times ``driven_speed``);
+      ``load_friction`` (share of the transmitted torque);
     - ``sensor``: ``scale``, ``bias``, ``delay`` [s], ``lag`` [s] (a filter of first order), ``limit``.
     """
 
@@ -195,7 +194,5 @@ class Signals:
                 dof = self._model.jnt_dofadr[joint]
                 slow = of.get("stribeck_speed", 1.0)
                 near = of.get("stribeck", 0.0) * np.exp(-((data.qvel[dof] / slow) ** 2))
-                force, speed = data.qfrc_actuator[dof], of.get("driven_speed", 1.0)
-                back = 0.5 * (1.0 - np.tanh(np.sign(force) * data.qvel[dof] / speed))
-                load = (of.get("load_friction", 0.0) + of.get("driven_friction", 0.0) * back) * abs(force)
+                load = of.get("load_friction", 0.0) * abs(data.qfrc_actuator[dof])
                 self._model.dof_frictionloss[dof] = max(self._friction[dof] + near + load, 0.0)

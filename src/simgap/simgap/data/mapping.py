@@ -211,8 +211,6 @@ SIGNALS = {
         "stribeck": Way("stribeck"),
         "stribeck_speed": Way("stribeck_velocity", 0.0, open=True),
         "load_friction": Way("load", 0.0),
-        "driven_friction": Way("driven"),
-        "driven_speed": Way("load_speed", 0.0, open=True),
     },
     "sensor": {
         "scale": Way("scale"),

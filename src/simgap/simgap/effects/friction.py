@@ -173,48 +173,25 @@ class StribeckFriction(DryFriction):
         variant.friction.stribeck_velocity[dofs] = values[2]
 
 
-_TURNS = 0.05
-"""Share of a joint's typical speed over which a load begins to move its drive."""
-
-
 class LoadFriction(DryFriction):
     """Dry friction in proportion to the torque that the joint's drive transmits, as in gears.
 
-    Directional, it is another where the load moves the drive: worms and screws hold what they carry.
+    Friction that is another where the load moves the drive is this and a servo of another gain: c (1 + a) |tau| against
+    the motion where the drive moves, c (1 - a) |tau| where the load does, is c |tau| against the motion and -a c tau.
     """
 
     name = "load_friction"
-    _speed = 1.0
-    """Typical speed of the joints of the site."""
 
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
         driven = [j for j in scalar_joints(context.model) if context.scales.torque[dof_of(context.model, j)] > 1e-9]
         for site in named_sites(context, Obj.mjOBJ_JOINT, driven):
-            effect = cls(site, [Parameter("coefficient", "1", 0.0, 0.0, 0.9, (0.04, 0.12, 0.35), 0.1)])
-            dofs = [dof_of(context.model, j) for j in site.targets]
-            effect._speed = float(max(context.scales.speed[dofs].mean(), 1e-9))
-            yield effect
-
-    def alternatives(self) -> Sequence[Effect]:
-        """The other hold; and, of one coefficient, two."""
-        if self.form == "directional":
-            return ()
-        driven = Parameter("when_driven", "1", 0.0, -0.9, 0.9, (0.1, -0.1), 0.1)
-        other = LoadFriction(self.site, self.parameters, "" if self.form else "firm")
-        directional = LoadFriction(self.site, (*self.parameters, driven), "directional")
-        other._speed = directional._speed = self._speed
-        return other, directional
+            yield cls(site, [Parameter("coefficient", "1", 0.0, 0.0, 0.9, (0.04, 0.12, 0.35), 0.1)])
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         dofs = _dofs(variant, self.site.targets)
-        friction = variant.friction
-        if self.form != "directional":
-            self.grip_joints(variant)
-        friction.load[dofs] += values[0]
-        if len(values) > 1:
-            friction.driven[dofs] += values[1]
-            friction.load_speed[dofs] = _TURNS * self._speed
+        self.grip_joints(variant)
+        variant.friction.load[dofs] += values[0]
 
 
 class Armature(ByPart):

@@ -24,7 +24,6 @@ SHAPES = {
     "ringing": "compliance",
     "sag_reference": "sag",
     "stribeck_velocity": "stribeck",
-    "load_speed": "driven",
 }
 """Fields of the paths that do nothing by themselves, and the field whose law each of them shapes."""
 _PAST = ("backlash", "compliance")
@@ -235,13 +234,9 @@ class LoadFriction:
         self._stribeck = np.stack([v.friction.stribeck for v in variants])
         self._slow = np.stack([v.friction.stribeck_velocity for v in variants])
         self._load = np.stack([v.friction.load for v in variants])
-        self._driven = np.stack([v.friction.driven for v in variants])
-        self._load_speed = np.stack([v.friction.load_speed for v in variants])
 
     def at(self, loss: Array, velocity: Array, force: Array) -> Array:
         """Friction loss (n, nv) at joint velocities (n, nv) under transmitted forces (n, nv)."""
         fading = self._stribeck * np.exp(-((velocity / self._slow) ** 2))
-        # Whether the load moves its drive; at rest neither does.
-        back = 0.5 * (1.0 - np.tanh(np.sign(force) * velocity / self._load_speed))
-        result: Array = np.maximum(loss + fading + (self._load + self._driven * back) * np.abs(force), 0.0)
+        result: Array = np.maximum(loss + fading + self._load * np.abs(force), 0.0)
         return result

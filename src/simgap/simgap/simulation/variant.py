@@ -91,22 +91,18 @@ class ServoPath:
 class FrictionPath:
     """Friction beyond Coulomb and viscous (which MuJoCo has), (nv,) each; neutral by default.
 
-    Friction loss = that of the model + stribeck * exp(-(v / stribeck_velocity)^2) + (load + driven * back) *
-    |transmitted force|, where back goes from 0 (the drive moves its load) to 1 (the load moves the drive) over a few
-    times load_speed.
+    Friction loss = that of the model + stribeck * exp(-(v / stribeck_velocity)^2) + load * |transmitted force|.
     """
 
     stribeck: Array
     stribeck_velocity: Array
     load: Array
-    driven: Array
-    load_speed: Array
 
     @classmethod
     def neutral(cls, plant: Plant) -> FrictionPath:
         """Nothing happens."""
         nv = plant.model.nv
-        return cls(np.zeros(nv), np.ones(nv), np.zeros(nv), np.zeros(nv), np.ones(nv))
+        return cls(np.zeros(nv), np.ones(nv), np.zeros(nv))
 
 
 @dataclass
