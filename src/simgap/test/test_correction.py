@@ -270,6 +270,31 @@ def test_signals_do_what_they_say() -> None:
     assert (hard[:60] == 0).all() and hard[-1] == pytest.approx(1.0)
     soft = _told([_command("dead_band_in_part", 0.3, "servo")], ramp)
     assert soft[-1] == pytest.approx(0.7)
+    # Two springs in a row: the servo's and one as soft.
+    stiffness = -float(mujoco.MjModel.from_xml_string(ARM).actuator_biasprm[0, 1])
+    assert _told([_command("compliance", 1.0 / stiffness, "servo")], ramp)[-1] == pytest.approx(0.5)
+
+
+def test_a_filtered_reading_lags_by_its_time() -> None:
+    model = mujoco.MjModel.from_xml_string(ARM)
+    signals = Signals(model, [{"where": "sensor", "name": "q1", "quantity": "lag", "value": 0.05}])
+    read = [signals.measure(k * 0.001, {"q1": k * 0.001, "q2": k * 0.001}) for k in range(1001)]
+    assert read[0]["q1"] == 0.0
+    assert read[-1]["q1"] == pytest.approx(1.0 - 0.05, abs=1e-6)
+    assert read[-1]["q2"] == pytest.approx(1.0)
+
+
+def test_a_dead_band_of_a_controlled_motor_is_an_angle_whatever_its_gear() -> None:
+    """Held at 0.4 rad and told to be at 0.5: nothing within the band, all of it beyond."""
+    model = mujoco.MjModel.from_xml_string(NATIVE.replace("<motor", '<motor gear="3"'))
+    data = mujoco.MjData(model)
+    data.qpos[model.jnt_qposadr[model.actuator_trnid[1, 0]]] = 0.4
+    mujoco.mj_forward(model, data)
+    for band, torque in ((0.15, 0.0), (0.05, 4.0 * 0.1)):
+        rows = [("controller", "kp", 4.0), ("servo", "dead_band", band)]
+        signals = Signals(model, [{"where": w, "name": "elbow_motor", "quantity": q, "value": v} for w, q, v in rows])
+        signals.step(data, [0.0, 0.5])
+        assert 3.0 * data.ctrl[1] * model.actuator_gainprm[1, 0] == pytest.approx(torque, abs=1e-9)
 
 
 def test_a_lossy_link_holds_the_last_command() -> None:
