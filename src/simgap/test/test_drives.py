@@ -118,12 +118,27 @@ def test_a_supply_that_sways_is_read_and_explains_its_servos() -> None:
     assert fitter.mean_square(fit.residual).mean() < 0.1 * fitter.mean_square(without.residual).mean()
 
 
-def test_a_steady_supply_is_no_cause() -> None:
+@pytest.mark.parametrize("volts", [7.4, 0.0])
+def test_a_steady_supply_is_no_cause(volts: float) -> None:
     plant = plant_of("arm", lambda data: data.update(auxiliary=[{"column": "battery", "unit": "V"}]))
     table = simulate("arm", 4.5)
-    table["battery"] = np.full(len(table["t"]), 7.4)
+    table["battery"] = np.full(len(table["t"]), volts)
     assert not sways(measured_supply(align(recording_from_table(table, plant), plant), plant.map))
     assert not sways(None)
+
+
+def test_where_runs_have_supplies_of_their_own_the_voltage_is_that_beside_each() -> None:
+    def edit(data: dict[str, object]) -> None:
+        runs = {0: {"supply": 7.0}, 1: {"supply": 8.0}}
+        data.update(auxiliary=[{"column": "battery", "unit": "V"}], segments={"column": "run", "runs": runs})
+
+    table = simulate("arm", 9.0)
+    table["run"] = (table["t"] >= 4.5).astype(float)
+    table["battery"] = 7.0 + table["run"]
+    plant = plant_of("arm", edit)
+    assert not sways(measured_supply(align(recording_from_table(table, plant), plant), plant.map))
+    together = plant_of("arm", lambda data: data.update(auxiliary=[{"column": "battery", "unit": "V"}]))
+    assert sways(measured_supply(align(recording_from_table(table, together), together), together.map))
 
 
 @pytest.mark.parametrize("compliance", [0.02, 0.1])

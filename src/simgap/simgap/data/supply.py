@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,15 +19,31 @@ SWAYS = 0.01
 
 
 def measured_supply(aligned: Aligned, mapping: Map) -> Array | None:
-    """Voltage (n,) on the grid as a share of its median, the mean of all `auxiliary` channels in volts; or None."""
-    volts = [row.column for row in mapping.auxiliary if _volts(row.unit)]
-    # A recording that was only simulated has none.
-    found = [aligned.auxiliary[column] for column in volts if column in aligned.auxiliary]
-    found = [v / float(np.nanmedian(v)) for v in found if abs(float(np.nanmedian(v))) > 0.0]
+    """Voltage (n,) on the grid as a share of its median, the mean of all `auxiliary` channels in volts; or None.
+
+    Where the map says in what runs differ, which may be their supply, the share is of each run's own median.
+    """
+    # A recording that was only simulated has no such channels.
+    volts = [row.column for row in mapping.auxiliary if _volts(row.unit) and row.column in aligned.auxiliary]
+    several = any(run.setup for run in aligned.runs)
+    parts = [slice(r.start, r.stop) for r in aligned.runs] if several else [slice(None)]
+    found = [shares for column in volts if (shares := _shares(aligned.auxiliary[column], parts)) is not None]
     if not found:
         return None
-    mean: Array = np.nan_to_num(np.mean(found, axis=0), nan=1.0)
+    mean: Array = np.mean(found, axis=0)
     return mean
+
+
+def _shares(volts: Array, parts: Sequence[slice]) -> Array | None:
+    """Of the median of each part; 1 where nothing was measured; None of what is zero, or never measured."""
+    shares = np.ones(len(volts))
+    for part in parts:
+        known = volts[part][np.isfinite(volts[part])]
+        usual = float(np.median(known)) if len(known) else 0.0
+        if usual == 0.0:
+            return None
+        shares[part] = np.where(np.isfinite(volts[part]), volts[part] / usual, 1.0)
+    return shares
 
 
 def sways(supply: Array | None) -> bool:
