@@ -11,7 +11,7 @@ from robots import aligned_of, simulate
 
 from simgap.analysis.diagnose import diagnose
 from simgap.analysis.options import Options
-from simgap.blind.cases import draw, robot_of
+from simgap.blind.cases import Case, Injected, robot_of
 from simgap.blind.recordings import realise
 from simgap.data.mapping import parse_map
 from simgap.data.plant import build_plant
@@ -133,7 +133,9 @@ def test_chance_is_told_from_what_no_effect_explains(
 @pytest.mark.long
 def test_a_push_that_comes_and_goes_is_not_taken_for_a_lossy_link() -> None:
     """A link that loses nine commands of ten would explain it, were three nominal numbers further off than they are."""
-    case = realise(draw(44, 52817364)[17])
+    places = ("cart", "push", "slide", "x")
+    push = Injected("periodic_push", "joint", "slide", ("slide",), "strong", 0.7593798736558561, False, places)
+    case = realise(Case("017", "cart_pole", "unknown", (52817364, 17), 15.0, [push]))
     assert [f.key for f in case.faults] == ["periodic_push@slide"]
     robot = robot_of(case.robot)
     plant = build_plant(robot.spec(), parse_map(robot.mapping))
