@@ -147,16 +147,14 @@ class Signals:
         return float(self._limited[a])
 
     def _through_dead_band(self, a: int, command: float, data: mujoco.MjData) -> float:
-        of, model = self._servo[a], self._model
+        of = self._servo[a]
         band = of.get("dead_band", of.get("dead_band_in_part", 0.0))
         if not band:
             return command
-        gain, bias = model.actuator_gainprm[a, 0], model.actuator_biasprm[a, 1]
-        length = data.actuator_length[a]
-        rest = length / model.actuator_gear[a, 0] if self._gains[a] else -bias / gain * length
+        rest = self._rest(a, data)
         error = command - rest
         if abs(error) <= band:
-            return float(rest)
+            return rest
         return command if "dead_band" in of else float(rest + error - np.sign(error) * band)
 
     def _through_drive(self, a: int, command: float, data: mujoco.MjData) -> float:
@@ -164,11 +162,16 @@ class Signals:
         give, model = self._servo[a].get("compliance", 0.0), self._model
         if not give:
             return command
-        gear, gain, bias = model.actuator_gear[a, 0], model.actuator_gainprm[a, 0], model.actuator_biasprm[a, 1]
-        own = self._gains[a]
-        stiffness = own.get("kp", 0.0) if own else -bias * gear**2
-        rest = data.actuator_length[a] / gear if own else -bias / gain * data.actuator_length[a]
+        own, rest = self._gains[a], self._rest(a, data)
+        stiffness = own.get("kp", 0.0) if own else -model.actuator_biasprm[a, 1] * model.actuator_gear[a, 0] ** 2
         return float(rest + (command - rest) / (1.0 + stiffness * give))
+
+    def _rest(self, a: int, data: mujoco.MjData) -> float:
+        """The command at which a servo, or a motor's own controller, gives no torque where it is."""
+        model, length = self._model, data.actuator_length[a]
+        if self._gains[a]:
+            return float(length / model.actuator_gear[a, 0])
+        return float(-model.actuator_biasprm[a, 1] / model.actuator_gainprm[a, 0] * length)
 
     def _closed_loop(self, a: int, target: float, data: mujoco.MjData) -> float:
         """Control of a motor that holds a position: torque kp (u - q) - kd dq/dt at the joint."""

@@ -167,8 +167,8 @@ class ServoStep:
             pull = gear * self._bias[:, a, 1]
             asked = self._gain[:, a] * control[:, a] + self._bias[:, a, 0]
             rest = np.divide(-asked, pull, out=q.copy(), where=pull != 0)
-            held = -gear * pull
-            between = (held * rest + stiffness * q) / (held + stiffness)
+            own = -gear * pull
+            between = (own * rest + stiffness * q) / (own + stiffness)
             self._angle = np.where(self._elastic, between, np.clip(rest, q - half, q + half))
             self._speed = rate.copy()
         gap = self._angle - q

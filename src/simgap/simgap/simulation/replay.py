@@ -311,8 +311,10 @@ class Replayer:
                 follow.apply(position, *((sims.pairs.shift, sims.pairs.rate_shift) if last else (None, None)))
             control, applied = drive.at(position)
             if servo.active:
-                rows = np.minimum(drive.origin + int(position), len(self.aligned.inputs) - 1)
-                control, extra = servo.step(control, None if self.supply is None else self.supply[rows])
+                supply = self.supply
+                if supply is not None:
+                    supply = supply[np.minimum(drive.origin + int(position), len(supply) - 1)]
+                control, extra = servo.step(control, supply)
                 applied = applied + (extra if switch is None else extra * switch.on(position)[:, None])
             if switch is not None:
                 switch.at(position)
