@@ -93,6 +93,8 @@ def worth_a_look(plant: Plant) -> Callable[[Effect], bool]:
             return site in printed
         if name == "joint_range":
             return site in printed | hips
+        if name == "joint_elasticity":
+            return site in shafts
         if name == "coulomb_friction":
             return site in shafts | printed
         if name in ("stribeck_friction", "load_friction", "armature"):
