@@ -136,8 +136,19 @@ def test_the_workstation_comes_back_when_the_robot_does(keys: Path) -> None:
         ends.robot.close()
         until(lambda: not ends.workstation.connected, "the loss is noticed")
         again = LinkEnd(settings, Side.ROBOT, lambda *_: None, ends.clock)
-        with again:
+        until(lambda: opens(again), "the port of the session that ended is free")
+        try:
             until(lambda: ends.workstation.connected and again.connected, "they found each other again")
+        finally:
+            again.close()
+
+
+def opens(end: LinkEnd) -> bool:
+    try:
+        end.open()
+    except LinkError:
+        return False
+    return True
 
 
 @pytest.mark.parametrize(
