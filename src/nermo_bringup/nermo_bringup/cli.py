@@ -103,7 +103,7 @@ _WORDS = {
     ),
     "bench": (
         "nermo_sim.bench.cli:bench_app",
-        "Measure: tick, loop, graph, sensors, serial, link, faults, firmware, fuzz, track, web.",
+        "Measure: tick, loop, graph, sensors, serial, link, faults, firmware, fuzz, track, film, web.",
     ),
     "optimize": ("nermo_sim.optimize.cli:optimize_app", "Search for better parameters."),
     "calibrate": ("nermo_sim.calibrate.cli:calibrate_app", "Fit the physical numbers that the thesis does not print."),
@@ -120,6 +120,7 @@ _BENCHES = {
     "firmware": "nermo_hw.firmware.cli:bench_app",
     "fuzz": "nermo_bringup.fuzz.cli:bench_app",
     "track": "nermo_track.cli:bench_app",
+    "film": "nermo_bringup.film_bench.cli:bench_app",
     "web": "nermo_bringup.web_bench.cli:bench_app",
 }
 

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from ament_index_python.packages import get_package_share_directory
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from nermo_description.robots import load_robot
 from nermo_track.bench.command import BEGIN, PLACES, Place, shoot_walk
+from nermo_track.bench.recorded import START, write_commands
 from nermo_track.bench.studio import Poses
 from nermo_track.bench.walk import Walk, marked, walk
 from nermo_track.camera import save_camera
@@ -21,7 +18,6 @@ from nermo_track.layout import load_layout
 SECONDS = 8.0
 STEPS = ((0.0, 0.0, 0.0), (1.0, 0.08, 0.0), (2.7, 0.0, 0.0), (3.5, 0.08, 0.5), (5.2, 0.0, 0.0), (6.0, 0.08, -0.5))
 """Starts and stops, as the page asks for: with one stop, a walk that began 100 nm higher no longer told the clock."""
-START = 1_700_000_000 * 10**9
 
 
 def smaller(place: Place, share: float = 0.6) -> Place:
@@ -75,21 +71,5 @@ def beside(walked: Walk, feet: dict[str, Poses], tmp_path_factory: pytest.TempPa
 @pytest.fixture(scope="session")
 def bag(walked: Walk, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of what the walk's servos were told, and of nothing that was measured."""
-    return write_commands(walked, tmp_path_factory.mktemp("bags") / "walk")
-
-
-def write_commands(walked: Walk, path: Path) -> Path:
-    name = "nermo_interfaces/msg/ServoCommand"
-    store = get_typestore(Stores.ROS2_KILTED)
-    text = Path(get_package_share_directory("nermo_interfaces"), "msg", "ServoCommand.msg").read_text("utf-8")
-    store.register(get_types_from_msg(text, name))
-    time, header = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/Header"]
     servos = list(load_robot("nermo_lite").servos)
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection("/nermo/servo_command", name, typestore=store)
-        for now, told in zip(walked.time, walked.command, strict=True):
-            stamp = START + round(now * 1e9)
-            head = header(time(stamp // 10**9, stamp % 10**9), "")
-            message = store.types[name](head, servos, np.ascontiguousarray(told))
-            writer.write(connection, stamp + 2_000_000, store.serialize_cdr(message, name))
-    return path
+    return write_commands(walked, servos, tmp_path_factory.mktemp("bags") / "walk")

@@ -160,7 +160,9 @@ def _base(
                 quaternion[k] = -quaternion[k]
         position = np.stack([y[:, c] for c in place[0]], 1)
         quaternion = np.stack([_filter(quaternion[:, i], smooth, aligned) for i in range(4)], 1)
-        quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+        length = np.linalg.norm(quaternion, axis=1, keepdims=True)
+        # Where nothing was seen there is no turn.
+        quaternion = np.divide(quaternion, length, out=np.full_like(quaternion, np.nan), where=length > 0.0)
         position = np.stack([_filter(position[:, i], smooth, aligned) for i in range(3)], 1)
         if site >= 0:
             position, quaternion = _site_to_body(position, quaternion, model.site_pos[site], model.site_quat[site])

@@ -1,0 +1,1 @@
+"""A hidden mouse from a film of it to its opened seal."""
