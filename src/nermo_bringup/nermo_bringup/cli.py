@@ -143,7 +143,12 @@ def _offer_word(word: str, place: str, help_text: str) -> None:
             there = getattr(importlib.import_module(module), attribute)
         except ImportError as error:
             raise CommandError(f"nermo {word} cannot start, a part of it is missing: {error}.") from error
-        _as_called(there)(args=args, prog_name=f"{invocation.called()} {word}")
+        command = _as_called(there)
+        if word == "bench" and bench is None:
+            command.epilog = _spelled(
+                f"Each with a help of its own: {', '.join(f'nermo bench {w}' for w in _BENCHES)}."
+            )
+        command(args=args, prog_name=f"{invocation.called()} {word}")
 
     settings = {**_PASS_ON, "allow_interspersed_args": False}
     app.command(word, help=help_text, context_settings=settings, add_help_option=False)(call)

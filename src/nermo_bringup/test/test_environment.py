@@ -270,3 +270,13 @@ def test_help_of_every_word_has_an_example_that_can_be_typed_as_it_stands(monkey
         assert result.returncode == 0, result.stderr
         assert f"../there/nermo {name.replace('_', '-')}" in result.stdout
         assert not [line for line in result.stdout.splitlines() if line.strip().startswith("nermo ")]
+
+
+def test_help_of_the_bench_names_those_of_other_packages(monkeypatch):
+    from nermo_bringup.cli import _BENCHES
+
+    monkeypatch.setenv(VARIABLE, "nermo")
+    result = subprocess.run([sys.executable, "-m", "nermo_bringup", "bench", "--help"], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    told = " ".join(result.stdout.split())
+    assert not [word for word in _BENCHES if f"nermo bench {word}" not in told]

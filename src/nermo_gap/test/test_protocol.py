@@ -208,6 +208,22 @@ def test_a_protocol_that_was_cut_short_is_refused_where_too_little_is_left() -> 
         looker({0.0: (0.6,), 1.0: (0.6,)}, 0.15)(aligned)
 
 
+def test_where_nothing_was_measured_there_is_nothing_to_look_at() -> None:
+    """As where a filmed mouse has walked out of the picture."""
+    robot = load_robot("nermo_lite")
+    columns = played("nermo_lite")[1]
+    run = np.floor(np.arange(len(columns["t"])) / len(columns["t"]) * 4.0)
+    plant = robot_plant(robot, list(columns))
+    aligned = align(recording_from_table(columns | {"run": run}, plant), plant)
+    looks = dict.fromkeys((0.0, 1.0, 2.0, 3.0), (0.6,))
+    seen = looker(looks, 0.15)(aligned)
+    gone = aligned.runs[2]
+    aligned.valid[gone.start : gone.stop] = False
+    left = looker(looks, 0.15)(aligned)
+    assert len(seen) == 4 and len(left) == 3
+    assert not ((left.start >= gone.start) & (left.start < gone.stop)).any()
+
+
 def test_record_is_a_command(tmp_path: Path) -> None:
     run = CliRunner().invoke(gap_app, ["record", "--protocol", "walk", "--out", str(tmp_path / "walk")])
     assert run.exit_code == 0 and "next: nermo gap diagnose" in run.output

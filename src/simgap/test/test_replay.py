@@ -19,7 +19,7 @@ from simgap.simulation.extra_laws import SHAPES, needs_past, needs_step
 from simgap.simulation.integration import finer
 from simgap.simulation.replay import Replayer
 from simgap.simulation.variant import Variant
-from simgap.simulation.windows import at_limit, cut
+from simgap.simulation.windows import at_limit, cut, unseen
 
 Array = NDArray[np.float64]
 
@@ -36,6 +36,38 @@ def test_gap_of_the_truth_is_one(name: str) -> None:
     residuals = Residuals.build(replayer, nominal)
     gap = channel_gap(residuals.of([nominal])[0], residuals.mask)
     assert (gap > 0.5).all() and (gap < 1.3).all()
+
+
+@pytest.mark.parametrize("name", ["arm", "leg", "pendulum"])
+def test_drop_outs_leave_the_gap_of_the_truth_at_one(name: str) -> None:
+    """A window that began in a hole began elsewhere, and was judged by what came behind it."""
+    table, random = simulate(name, 15.0), np.random.default_rng(5)
+    lost, begin = np.zeros(len(table["t"]), dtype=bool), 0.7
+    while begin < 15.0:
+        end = begin + random.uniform(0.3, 1.2)
+        lost |= (table["t"] >= begin) & (table["t"] < end)
+        begin = end + random.uniform(1.0, 2.0)
+    for column in [c for c in table if c.startswith("q")]:
+        table[column][lost] = np.nan
+    plant, aligned, floor = aligned_of(name, table)
+    replayer = Replayer(plant, aligned, cut(aligned), floor, 1)
+    windows, holes = replayer.windows, unseen(aligned)
+    assert len(windows) > 5 and np.mean(holes) > 0.2
+    assert not any(holes[start - windows.warm_up : start + 1].any() for start in windows.start)
+    nominal = Variant.nominal(plant)
+    residuals = Residuals.build(replayer, nominal)
+    gap = channel_gap(residuals.of([nominal])[0], residuals.mask)
+    assert (gap > 0.5).all() and (gap < 1.3).all()
+
+
+def test_a_slower_sensor_has_no_holes() -> None:
+    _, whole, _ = aligned_of("arm", simulate("arm", 8.0))
+    valid = whole.valid.copy()
+    valid[np.arange(len(valid)) % 7 > 0, 1] = False
+    assert not unseen(whole).any() and not unseen(replace(whole, valid=valid)).any()
+    valid[700:760, 1] = False
+    found = np.flatnonzero(unseen(replace(whole, valid=valid)))
+    assert 690 < found[0] <= 700 and 760 <= found[-1] < 772 and (np.diff(found) == 1).all()
 
 
 def test_a_finer_step_is_closer_to_a_leg_that_has_none() -> None:

@@ -36,7 +36,7 @@ def bench() -> None:
 
 @bench_app.command("film")
 def bench_film(
-    out: Annotated[Path, typer.Option(help="New folder: one folder in it for each mouse.")],
+    out: Annotated[Path, typer.Option(help="Folder: one folder in it for each mouse.")],
     fault: Annotated[
         list[str] | None, typer.Option(help="One mouse with this fault; may be repeated. By default eight mice.")
     ] = None,
@@ -50,7 +50,7 @@ def bench_film(
     """Film hidden mice, track them, diagnose what was tracked, open the seals: which faults does a film alone find?
 
     A mouse takes ten to twenty minutes. What each step takes and leaves is kept: the films, what the servos were told
-    (told), the poses beside it (filmed), the page (diagnosis).
+    (told), the poses beside it (filmed), the page (diagnosis). When it is stopped, the same command goes on there.
 
     \b
     nermo bench film --out filmed_mice
@@ -69,12 +69,13 @@ def bench_film(
             typer.echo(f"mouse {mouse}: film, track, diagnose")
             try:
                 with silence() as terminal, progress("film", terminal) as say:
-                    done = whole_way(parameters, robot, mouse, kind, out / f"{mouse}_{kind}", budget, say)
+                    folder = out / f"{parameters.name}_{mouse}_{kind}"
+                    row = whole_way(parameters, robot, mouse, kind, folder, budget, say)
             except TrackError as error:
                 typer.echo(f"mouse {mouse}: {error}", err=True)
                 rows.append({"mouse": mouse, "untracked": str(error)})
             else:
-                rows.append(done.row)
-                print_rows(rows[-1:])
+                rows.append(row)
+                print_rows([row])
             if json is not None:
                 write_results(json, "bench-film", {"rows": rows, "budget": budget}, robot=robot, seed=number)

@@ -1,11 +1,14 @@
 """A hidden mouse is filmed, tracked and diagnosed, and its seal is opened: which faults a film alone finds.
 
-Each step leaves what the user's own command takes, or would have left, so that each can be done again by hand.
+Each step leaves what the user's own command takes, or would have left, so that each can be done again by hand; and a
+file when it is done, so that a call that was stopped goes on there.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import json
+import shutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +23,7 @@ from nermo_description.parameter_files import write_yaml
 from nermo_description.parameters import RobotParameters
 from nermo_description.stand import Stand
 from nermo_gap.blind.mice.mouse import draw
-from nermo_gap.blind.mice.seal import Answer, judge, open_seal, seal
+from nermo_gap.blind.mice.seal import SEALED, Answer, judge, open_seal, seal
 from nermo_gap.protocol.play import Body, play
 from nermo_gap.protocol.scene import BAG_FOLDER, SCENE_FILE, SceneFile
 from nermo_gap.protocol.standard import WALKING, protocol_of
@@ -54,6 +57,8 @@ EYE, TARGET = (0.2, -0.7, 0.55), (0.2, 0.0, 0.0)
 FPS = 30.0
 LATE = 0.7
 """[s] by which a film begins after its commands. Nobody but the score knows."""
+TRACKED, ROW = "tracked.json", "row.json"
+"""What is left when the films are tracked, and when the diagnosis is judged. The seal is left when all is filmed."""
 SEGMENTS = ("standing", WALKING)
 """Of the standard protocol. What hangs in the stand has no clock on film."""
 
@@ -70,40 +75,6 @@ class Filmed:
     """Share of the pictures that have a pose."""
     clock_error_ms: float
     clock_said_ms: float
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How it went with a mouse."""
-
-    answer: Answer
-    films: tuple[Filmed, ...]
-    report: dict[str, Any]
-    seconds: float
-    """That the diagnosis took."""
-
-    @property
-    def row(self) -> dict[str, Any]:
-        """A row of the bench's table."""
-        films = {
-            f"{film.name}_{name}": value
-            for film in self.films
-            for name, value in (
-                ("seen", film.seen),
-                ("clock_ms", film.clock_error_ms),
-                ("clock_said_ms", film.clock_said_ms),
-            )
-        }
-        named = [f"{e['name']}@{e['site']}" for e in self.report["effects"]]
-        return {
-            "mouse": self.answer.number,
-            "truth": self.answer.sentence(),
-            "verdict": self.report["verdict"],
-            "named": ", ".join(named) or None,
-            "judged": judge(self.answer, self.report),
-            **films,
-            "seconds": self.seconds,
-        }
 
 
 def film(robot: RobotParameters, name: str, number: int, fault: str | None, out: Path, say: Say) -> None:
@@ -148,6 +119,7 @@ def follow(out: Path, say: Say) -> list[Filmed]:
     Raises:
         TrackError: a film cannot be used, or its clock cannot be told.
     """
+    shutil.rmtree(out / "filmed", ignore_errors=True)
     found = []
     for told in sorted((out / "told").iterdir()):
         shot = Shot(out / "films" / f"{told.name}.avi", CAMERA)
@@ -163,16 +135,49 @@ def follow(out: Path, say: Say) -> list[Filmed]:
 
 def whole_way(
     robot: RobotParameters, name: str, number: int, fault: str | None, out: Path, budget: float | None, say: Say
-) -> Outcome:
-    """Film a hidden mouse, track it, diagnose what was tracked, and open the seal; see `film` and `follow`."""
-    film(robot, name, number, fault, out, say)
-    films = follow(out, say)
+) -> dict[str, Any]:
+    """Film a hidden mouse, track it, diagnose what was tracked, open the seal; a row of the bench's table.
+
+    What an earlier call has done in ``out`` is not done again. See `film` and `follow`.
+    """
+    if (out / ROW).is_file():
+        return _read(out / ROW)
+    if not (out / SEALED).is_file():
+        shutil.rmtree(out, ignore_errors=True)
+        film(robot, name, number, fault, out, say)
+    if not (out / TRACKED).is_file():
+        films = follow(out, say)
+        _write(out / TRACKED, {film.name: dataclasses.asdict(film) for film in films})
     begun = time.monotonic()
-    options = Options(baselines=False, progress=say, budget=budget)
-    found = diagnose_recordings([out / "filmed"], name, options)
+    found = diagnose_recordings([out / "filmed"], name, Options(baselines=False, progress=say, budget=budget))
     seconds = time.monotonic() - begun
     write_diagnosis(found, out / "diagnosis", None)
-    return Outcome(open_seal(out), tuple(films), found.report, seconds)
+    answer, films = open_seal(out), [Filmed(**row) for row in _read(out / TRACKED).values()]
+    row = {
+        "mouse": number,
+        "truth": answer.sentence(),
+        "verdict": found.report["verdict"],
+        "named": ", ".join(f"{e['name']}@{e['site']}" for e in found.report["effects"]) or None,
+        "judged": judge(answer, found.report),
+        **{f"{film.name}_seen": film.seen for film in films},
+        **{f"{film.name}_clock_ms": film.clock_error_ms for film in films},
+        **{f"{film.name}_clock_said_ms": film.clock_said_ms for film in films},
+        "seconds": seconds,
+    }
+    _write(out / ROW, row)
+    return row
+
+
+def _read(path: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(path.read_text("utf-8"))
+    return found
+
+
+def _write(path: Path, facts: dict[str, Any]) -> None:
+    """Whole or not at all."""
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(facts, indent=2) + "\n", "utf-8")
+    part.rename(path)
 
 
 def _walk(segment: Segment, body: Body, robot: RobotParameters, seed: int) -> Walk:

@@ -17,7 +17,8 @@ LENGTH = 0.5
 def looker(looks: Mapping[float, Sequence[float]], warm_up: float) -> Callable[[Aligned], Windows]:
     """Cuts a recording where its runs are looked at, {run: [s] from its beginning}; ``warm_up`` [s] lies before.
 
-    Runs are dealt to the folds in turn, so that each fold holds something of every scene.
+    Runs are dealt to the folds in turn, so that each fold holds something of every scene. Where nothing was measured,
+    as where a filmed mouse has walked out of the picture, there is nothing to look at.
     """
 
     def cut(aligned: Aligned) -> Windows:
@@ -26,13 +27,13 @@ def looker(looks: Mapping[float, Sequence[float]], warm_up: float) -> Callable[[
         for number, run in enumerate(run for run in aligned.runs if looks.get(run.label)):
             for look in looks[run.label]:
                 start = run.start + max(round(look / aligned.period), lead)
-                if start + length < run.stop:
+                if start + length < run.stop and aligned.valid[start : start + length].any():
                     starts.append(start)
                     blocks.append(number)
         if len(set(blocks)) < FOLDS:
             raise GapInputError(
-                f"{aligned.source}: {len(set(blocks))} pieces of the protocol are long enough to look at; {FOLDS} "
-                "are needed: record it anew"
+                f"{aligned.source}: {len(set(blocks))} pieces of the protocol are measured and long enough to look at; "
+                f"{FOLDS} are needed: record it anew"
             )
         block = np.unique(blocks, return_inverse=True)[1].astype(np.int64)
         return Windows(

@@ -98,5 +98,6 @@ def run_bench(name: str, robot: str = "nermo_lite", quick: bool = False) -> Fact
     Raises CommandError with status 2 for an unknown name.
     """
     if name not in BENCHES:
-        raise CommandError(f"bench {name!r} is unknown: choose among {', '.join(BENCHES)} and all", status=2)
+        known = f"{', '.join(BENCHES)} and all (--help names more)"
+        raise CommandError(f"bench {name!r} is unknown: choose among {known}", status=2)
     return BENCHES[name](robot, quick)

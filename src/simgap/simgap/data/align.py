@@ -21,7 +21,7 @@ _ENABLED = ""
 """Stands for the map's `enabled` among the auxiliary columns while they are resampled."""
 _JUMP_PERIODS = 10.0
 """A step of time longer than this many periods ends a run."""
-_HOLE_PERIODS = 2.5
+HOLE_PERIODS = 2.5
 """Outputs are not interpolated over holes longer than this many periods; such samples are not scored."""
 
 
@@ -247,7 +247,7 @@ def _resample(
         on_sample = np.abs(stamps[np.minimum(after, len(stamps) - 1)] - grid) < 0.5 * period
         on_sample |= np.abs(stamps[after - 1] - grid) < 0.5 * period
         inside = (grid >= stamps[0] - 0.5 * period) & (grid <= stamps[-1] + 0.5 * period)
-        valid[:, i] = inside & on_sample & ((gap <= _HOLE_PERIODS * own) | on_sample)
+        valid[:, i] = inside & on_sample & ((gap <= HOLE_PERIODS * own) | on_sample)
     aux = {}
     for name, column in auxiliary.items():
         stamps, values = _sampled(time, column[start:stop], period)

@@ -9,9 +9,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.data.align import Aligned
+from simgap.data.align import HOLE_PERIODS, Aligned
 from simgap.data.errors import GapInputError
 from simgap.simulation.contacts import colliding
+from simgap.simulation.state import smoothing_length
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -154,6 +155,23 @@ def at_limit(aligned: Aligned, floor: Array) -> NDArray[np.bool_]:
     return found
 
 
+def unseen(aligned: Aligned) -> NDArray[np.bool_]:
+    """Rows (n,) in a hole of some output, which lost samples there that it has elsewhere: a tracker's drop-out.
+
+    What an output was before and is after says little of what it was within, so that no replay can start there, nor so
+    near that its speed is smoothed over the hole.
+    """
+    found, near = np.zeros(len(aligned.time), dtype=bool), smoothing_length(aligned.period) // 2
+    for valid in aligned.valid.T[aligned.live]:
+        usual = np.median(np.diff(np.flatnonzero(valid))) if valid.sum() > 1 else 1.0
+        for run in aligned.runs:
+            rows = run.start + np.flatnonzero(valid[run.start : run.stop])
+            edges = np.concatenate([[run.start - 1], rows, [run.stop]])
+            for hole in np.flatnonzero(np.diff(edges) > HOLE_PERIODS * usual):
+                found[max(edges[hole] + 1 - near, 0) : edges[hole + 1] + near] = True
+    return found
+
+
 def cut(
     aligned: Aligned,
     horizon: float = HORIZON,
@@ -163,7 +181,8 @@ def cut(
 ) -> Windows:
     """Tile every run with windows and deal its blocks to folds.
 
-    A window that would begin in an ``avoided`` row (n,) begins later, by three of its lengths at most.
+    A window that would begin in an ``avoided`` row (n,) begins later, by three of its lengths at most; one that would
+    begin where an output was `unseen`, behind that.
 
     Where the recording names runs to be held out, these are the one fold and all others are only fitted. Otherwise
     whole runs go to FOLDS folds in turn where there are as many, none of them half of all, so that what is scored was
@@ -181,13 +200,16 @@ def cut(
     blocks: list[int] = []
     folds: list[int] = []
     labels: list[float] = []
-    number = -1
+    number, holes = -1, unseen(aligned)
     for run in aligned.runs:
         held = run.label in aligned.held_out
         position, inside = run.start + lead, 0
         number += 1
         waited = 0
         while position + length < run.stop:
+            if holes[position - lead : position + 1].any():
+                position += 1
+                continue
             if avoided is not None and waited < _PATIENCE * length and avoided[position - lead : position + 1].any():
                 position, waited = position + 1, waited + 1
                 continue
@@ -219,8 +241,9 @@ def cut(
         inside, outside = (len(set(block[m].tolist())) for m in (fold == f, fold != f))
         if inside < 1 or outside < 1:
             raise GapInputError(
-                f"the recording gives {len(set(blocks))} blocks of {per_block} windows of {horizon:g} s; "
-                "fitting and scoring need at least one each; record longer or name other runs as held_out"
+                f"the recording gives {len(set(blocks))} blocks of {per_block} windows of {horizon:g} s"
+                + (f", {holes.mean():.0%} of it lies in holes of some output" if holes.any() else "")
+                + "; fitting and scoring need at least one each; record longer or name other runs as held_out"
             )
     return Windows(np.array(starts, np.int64), lead, length, compared(length), block, fold)
 
