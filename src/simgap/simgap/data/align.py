@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.data.errors import GapInputError
+from simgap.data.glitches import QUANTITIES, glitches
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording
 
@@ -99,6 +100,7 @@ def align(recording: Recording, plant: Plant, shortest: float = MIN_DURATION, mo
     auxiliary = {k: v[keep] for k, v in recording.auxiliary.items()}
     if recording.enabled is not None:
         auxiliary[_ENABLED] = recording.enabled[keep]
+    _leave_out_glitches(outputs, plant, warnings)
     if len(time) < 10:
         raise GapInputError(f"{source}: time: {len(time)} rows have a time and a run; record at least {shortest:g} s")
     steps = np.diff(time)
@@ -173,6 +175,17 @@ def lattice_step(values: Array) -> float:
     # Encoders' values are written with few digits, which moves each by a little.
     on_lattice = step > 0.0 and float(np.mean(np.abs(steps / step - np.round(steps / step)) < 0.02)) > 0.9
     return step if on_lattice else 0.0
+
+
+def _leave_out_glitches(outputs: Array, plant: Plant, warnings: list[str]) -> None:
+    """Make NaN of them, in place."""
+    for channel, values in zip(plant.outputs, outputs.T, strict=True):
+        if channel.quantity in QUANTITIES and (alone := glitches(values)).any():
+            values[alone] = np.nan
+            warnings.append(
+                f"output {channel.name}: {int(alone.sum())} samples ({100.0 * float(alone.mean()):.2g} %) stand alone, "
+                "far from those before and after; left out as glitches of the sensor"
+            )
 
 
 def _period(time: Array, same_run: NDArray[np.bool_], values: Array) -> float:
