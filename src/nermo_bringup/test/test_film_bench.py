@@ -63,7 +63,7 @@ def test_what_it_takes_by_default_can_be_hidden() -> None:
 
 
 def test_a_fault_that_is_none_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
-    run = CliRunner().invoke(bench_app, ["film", "--fault", "rust", "--out", str(tmp_path / "new")])
+    run = CliRunner().invoke(bench_app, ["film", "--fault", "none", "--fault", "rust", "--out", str(tmp_path / "new")])
     assert run.exit_code == 2 and "fault 'rust' is unknown: choose one of weak_knee" in run.output
     assert not (tmp_path / "new").exists()
 

@@ -58,6 +58,7 @@ def bench_film(
     """
     from nermo_bringup.film_bench.whole_way import whole_way
     from nermo_description.robots import load_robot
+    from nermo_gap.blind.mice.mouse import draw
     from nermo_gap.console import refusals
     from nermo_track.errors import TrackError
     from simgap.console import progress, silence
@@ -65,7 +66,10 @@ def bench_film(
     rows: list[dict[str, object]] = []
     with told(), refusals():
         parameters = load_robot(robot)
-        for mouse, kind in enumerate(fault or FAULTS, start=number):
+        mice = list(enumerate(fault or FAULTS, start=number))
+        for mouse, kind in mice:
+            draw(parameters, mouse, kind)  # refuses a fault that is none before hours have passed
+        for mouse, kind in mice:
             typer.echo(f"mouse {mouse}: film, track, diagnose")
             try:
                 with silence() as terminal, progress("film", terminal) as say:
