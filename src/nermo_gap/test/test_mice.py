@@ -205,7 +205,8 @@ def test_the_demo_draws_records_diagnoses_and_reveals(tmp_path: Path, monkeypatc
     told = StringIO()
     console = Console(file=told, width=200)
     only = ("ground_friction",)
-    shown = show("nermo_lite", 2, tmp_path, console, "fast trot", budget=None, fault="slippery_feet", only=only)
+    # A trot is chaotic: of mouse 2 one processor's is told apart from slippery rear feet alone, another's is not.
+    shown = show("nermo_lite", 5, tmp_path, console, "fast trot", budget=None, fault="slippery_feet", only=only)
     assert shown.judged == "right" and shown.report["verdict"] == "effect"
     (effect,) = shown.report["effects"]
     low, high = effect["parameters"]["factor"]["ci90"]
