@@ -205,7 +205,7 @@ def test_the_demo_draws_records_diagnoses_and_reveals(tmp_path: Path, monkeypatc
     told = StringIO()
     console = Console(file=told, width=200)
     only = ("ground_friction",)
-    # A trot alone tells all feet from rear feet badly: of mouse 2 on one processor and not on another, of mouse 3 wrongly.
+    # A trot alone tells all feet from rear feet badly: of mouse 2 on one processor alone, of mouse 3 wrongly.
     shown = show("nermo_lite", 5, tmp_path, console, "fast trot", budget=None, fault="slippery_feet", only=only)
     assert shown.judged == "right" and shown.report["verdict"] == "effect"
     (effect,) = shown.report["effects"]
