@@ -23,7 +23,7 @@ class Walk:
 
     def __init__(self, estimator: str = "memory", seed: int = 0) -> None:
         self.estimator = LegLoadEstimator(FEET, estimator)
-        self._feet = TactileFeet(FEET, seed=seed)
+        self.feet = TactileFeet(FEET, seed=seed)
         self.stamp = 0
         self.errors: list[np.ndarray] = []
 
@@ -36,7 +36,7 @@ class Walk:
         for _ in range(round(seconds / 0.005)):
             self.stamp += TICK
             loads = self.loads()
-            readings = {cell: np.array(volts) for cell, volts in self._feet.read(loads.tolist(), 0.005).items()}
+            readings = {cell: np.array(volts) for cell, volts in self.feet.read(loads.tolist(), 0.005).items()}
             if spoil is not None:
                 spoil(readings["piezoresistive"], readings["piezoelectric"])  # type: ignore[operator]
             swing = (loads == 0.0).tolist() if phases_known else None
@@ -138,6 +138,25 @@ def test_inverted_static_cell_is_found() -> None:
     walk.go(6.0, spoil)
     assert walk.faults() == {(2, 0, Fault.INVERTED)}
     assert walk.error(2) < 0.4
+
+
+def test_a_robot_that_stops_with_a_foot_in_the_air_has_healthy_cells() -> None:
+    walk = Walk()
+
+    def step(loads: list[float], swing: list[bool], frequency: float | None) -> None:
+        walk.stamp += TICK
+        readings = {cell: np.array(volts) for cell, volts in walk.feet.read(loads, 0.005).items()}
+        walk.estimator.step(walk.stamp, readings, frequency, swing)
+
+    for _ in range(3):
+        for tick in range(800):  # a trot whose swinging feet scuff
+            left = tick % 200 < 100
+            step(
+                [1.2, 0.6, 0.6, 1.2] if left else [0.6, 1.2, 1.2, 0.6], [not left, left, left, not left], 2.0 * math.pi
+            )
+        for _ in range(400):  # stands on one diagonal
+            step([1.4, 0.1, 0.1, 1.1], [False] * 4, None)
+            assert walk.faults() == set()
 
 
 def test_cell_that_comes_back_is_believed_again() -> None:

@@ -128,7 +128,8 @@ class LegLoadEstimator:
         trusted = self.health.trusted
         self._filters.step(period, voltages, frequency, trusted)
         air = None if swing is None else np.asarray(swing, dtype=bool)
-        self.health.watch(period, voltages, self._filters.surprise, air)
+        # A robot that stopped mid-step may stand with a foot in the air, which says nothing about its cell.
+        self.health.watch(period, voltages, self._filters.surprise, air if frequency else None)
         feels_rest = trusted[self.health.feels_rest].any(axis=0)
         if air is not None and not feels_rest.all():
             self._rest(air & ~feels_rest)

@@ -36,6 +36,9 @@ class HealthLimits:
     """Mean squared residual over its expected variance; 1 is normal."""
     window: float = 0.5
     """Over which surprises are averaged [s]."""
+    strides: float = 1.0
+    """Over which readings in the air, and those on the ground, are averaged [s]; they are compared when there is as
+    much of both. In a single stride a foot may well bear more in the air, where the robot turns or slips."""
     high_pass: float = 0.08
     """Both cells are compared as this high-pass leaves them, which is what a charge amplifier does [s]."""
     recover_after: float = 1.0
@@ -75,7 +78,7 @@ class HealthMonitor:
         """Running mean of squared residual over expected variance."""
         self._low = np.zeros(shape)
         self._slow, self._products = np.full(self._count, np.nan), np.zeros((3, *shape))
-        self._ground_air = np.full((2, *shape), np.nan)
+        self._ground_air, self._lasted = np.zeros((2, *shape)), np.zeros((2, *shape))
         self.faults: list[list[Fault]] = [[Fault.NONE] * self._count for _ in self.feels_rest]
         self._trusted = np.ones(shape, dtype=bool)
 
@@ -87,7 +90,7 @@ class HealthMonitor:
     def watch(self, period: float, readings: Array, surprise: Array, swing: Mask | None = None) -> None:
         """Takes in the readings (C, B) [V] after a period [s], and how surprising each was (C, B), NaN if unknown.
 
-        `swing` (B,) says which feet are in the air by intention, where that is known.
+        `swing` (B,) says which feet are in the air by intention, where that is known and the robot walks.
         """
         limits = self._limits
         present = np.isfinite(readings)
@@ -106,9 +109,10 @@ class HealthMonitor:
         self._compare(period, readings, present)
         if swing is not None:
             for where, rows in enumerate((~swing & present, swing & present)):
-                old = self._ground_air[where]
-                new = np.where(np.isnan(old), readings, old + min(1.0, period / limits.window) * (readings - old))
-                self._ground_air[where] = np.where(rows, new, old)
+                self._lasted[where] += np.where(rows, period, 0.0)
+                share = period / np.clip(self._lasted[where], period, limits.strides)
+                mean = self._ground_air[where]
+                self._ground_air[where] = np.where(rows, mean + share * (readings - mean), mean)
 
         wrong = np.zeros(self._trusted.shape, dtype=bool)
         for cell in range(len(wrong)):
@@ -151,7 +155,8 @@ class HealthMonitor:
             return Fault.FROZEN
         if self._low[cell, foot] >= limits.missing_after:
             return Fault.IMPLAUSIBLE
-        if self._ground_air[1, cell, foot] - self._ground_air[0, cell, foot] > 0.1 * self._span[cell, 0]:
+        ground, air = self._ground_air[:, cell, foot]
+        if (self._lasted[:, cell, foot] >= limits.strides).all() and air - ground > 0.1 * self._span[cell, 0]:
             return Fault.INVERTED
         reference = self._reference
         if (
