@@ -5,6 +5,7 @@ Commands import what they need when they run, so that help appears at once.
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -294,7 +295,13 @@ def map_command(
     """
 
     def ask(question: str, default: str) -> str:
-        return str(typer.prompt(question, default=default, show_default=False, err=True))
+        try:
+            return str(typer.prompt(question, default=default, show_default=False, err=True))
+        except typer.Abort:
+            if sys.stdin.isatty():
+                raise  # somebody was there, and stopped it
+            typer.echo("", err=True)
+            return default
 
     with refusals():
         from simgap.data.errors import GapInputError

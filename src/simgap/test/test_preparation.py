@@ -82,13 +82,17 @@ def test_units_of_time_and_angle_are_seen(tmp_path: Path) -> None:
     assert {row.unit for row in (*found.inputs, *found.outputs)} == {"deg"}
 
 
-def test_a_motor_that_is_told_positions_needs_gains(tmp_path: Path) -> None:
-    log = simulate("arm", 6.0)
+def _arm_with_motors() -> str:
     xml = MODELS["arm"]
     for old in ('<position name="shoulder_servo"', '<position name="elbow_servo"'):
         xml = xml.replace(old, old.replace("position", "motor", 1))
     for gains in (' kp="30" kv="1"', ' kp="15" kv="0.5"'):
         xml = xml.replace(gains, "")
+    return xml
+
+
+def test_a_motor_that_is_told_positions_needs_gains(tmp_path: Path) -> None:
+    log, xml = simulate("arm", 6.0), _arm_with_motors()
     model = mujoco.MjModel.from_xml_string(xml)
     left, text = _guess(log, model, tmp_path)
     assert left.gains == {} and "# gains" in text
@@ -148,6 +152,16 @@ def test_map_never_asks_with_yes(tmp_path: Path) -> None:
     assert answer.exit_code == 0, answer.output
     assert answer.stdout.splitlines()[-1] == str(tmp_path / "map.yaml")
     load_map(tmp_path / "map.yaml")
+
+
+def test_where_nobody_can_answer_what_is_asked_stays_open(tmp_path: Path) -> None:
+    np.savez(tmp_path / "log.npz", **simulate("arm", 6.0))  # type: ignore[arg-type]
+    (tmp_path / "arm.xml").write_text(_arm_with_motors())
+    words = ["map", str(tmp_path / "log.npz"), "--model", str(tmp_path / "arm.xml")]
+    answer = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "map.yaml")], input="")
+    assert answer.exit_code == 0, answer.output
+    assert "look at: gains of shoulder_servo, elbow_servo" in answer.stdout
+    assert load_map(tmp_path / "map.yaml").gains == {}
 
 
 def test_a_model_that_lacks_its_meshes_is_named(tmp_path: Path) -> None:
