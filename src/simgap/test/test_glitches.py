@@ -40,15 +40,26 @@ def test_no_motion_is_a_glitch(name: str, noise: float, step: float) -> None:
     seed=st.integers(0, 10_000),
     name=st.sampled_from(sorted(set(MOTIONS) - {"near the sampling's limit"})),
     far=st.floats(0.6, 1e6),
+    length=st.integers(1, 2),
 )
-def test_what_stands_alone_is_found_and_nothing_else(seed: int, name: str, far: float) -> None:
+def test_what_stands_alone_is_found_and_nothing_else(seed: int, name: str, far: float, length: int) -> None:
     random = np.random.default_rng(seed)
     values = MOTIONS[name] + 2e-4 * random.standard_normal(len(TIME))
     # Apart from each other, and not where the motion itself jumps.
     rows = np.arange(23, 1990, 40) + random.integers(0, 5, 50)
-    rows = rows[[np.ptp(values[row - 2 : row + 3]) < 0.05 for row in rows]]
-    values[rows] += far * random.choice([-1.0, 1.0], len(rows))
-    np.testing.assert_array_equal(np.flatnonzero(glitches(values)), rows)
+    rows = rows[[np.ptp(values[row - 2 : row + length + 2]) < 0.05 for row in rows]]
+    off = far * random.choice([-1.0, 1.0], len(rows))
+    for more in range(length):
+        values[rows + more] += off
+    bad = (rows[:, None] + np.arange(length)).ravel()
+    np.testing.assert_array_equal(np.flatnonzero(glitches(values)), bad)
+
+
+def test_a_log_that_asks_twice_as_often_as_the_sensor_answers() -> None:
+    values = np.repeat(np.sin(0.02 * np.arange(300)), 2)
+    assert not glitches(values).any()
+    values[200:202] += 0.5
+    assert np.flatnonzero(glitches(values)).tolist() == [200, 201]
 
 
 def test_values_that_are_not_there_are_nobody_s_neighbours() -> None:
