@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from simgap.data.errors import GapInputError
 from simgap.data.glitches import QUANTITIES, glitches
+from simgap.data.hangs import hangs
+from simgap.data.lattice import lattice_step
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording
 
@@ -100,6 +102,7 @@ def align(recording: Recording, plant: Plant, shortest: float = MIN_DURATION, mo
     auxiliary = {k: v[keep] for k, v in recording.auxiliary.items()}
     if recording.enabled is not None:
         auxiliary[_ENABLED] = recording.enabled[keep]
+    _leave_out_hangs(outputs, plant, warnings)
     _leave_out_glitches(outputs, plant, warnings)
     if len(time) < 10:
         raise GapInputError(f"{source}: time: {len(time)} rows have a time and a run; record at least {shortest:g} s")
@@ -164,17 +167,16 @@ def align(recording: Recording, plant: Plant, shortest: float = MIN_DURATION, mo
     )
 
 
-def lattice_step(values: Array) -> float:
-    """Step of the lattice on which sampled values (n,) lie, as those of an encoder do; 0 where there is none."""
-    levels = np.unique(values)
-    if len(levels) < 3:
-        return 0.0
-    steps = np.diff(levels)
-    steps = steps[steps > 1e-9 * max(float(np.ptp(levels)), 1e-12)]
-    step = float(np.percentile(steps, 5)) if len(steps) else 0.0
-    # Encoders' values are written with few digits, which moves each by a little.
-    on_lattice = step > 0.0 and float(np.mean(np.abs(steps / step - np.round(steps / step)) < 0.02)) > 0.9
-    return step if on_lattice else 0.0
+def _leave_out_hangs(outputs: Array, plant: Plant, warnings: list[str]) -> None:
+    """Make NaN of what a hanging sensor repeats, in place."""
+    hung = hangs(outputs)
+    outputs[hung] = np.nan
+    for channel, repeated in zip(plant.outputs, hung.T, strict=True):
+        if repeated.any():
+            warnings.append(
+                f"output {channel.name}: {int(repeated.sum())} samples ({100.0 * float(repeated.mean()):.2g} %) repeat "
+                "the one before while the robot moves; left out, as of a sensor that hangs"
+            )
 
 
 def _leave_out_glitches(outputs: Array, plant: Plant, warnings: list[str]) -> None:
