@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from simgap.data.hangs import hangs
 from simgap.data.lattice import lattice_step
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording
+from simgap.data.sample_times import sample_times
 
 Array = NDArray[np.float64]
 
@@ -24,6 +26,10 @@ _ENABLED = ""
 """Stands for the map's `enabled` among the auxiliary columns while they are resampled."""
 _JUMP_PERIODS = 10.0
 """A step of time longer than this many periods ends a run."""
+_SAME_PERIOD = 1e-3
+"""Share by which the mean of a steady clock's steps differs from their median, at most."""
+_ON_TICK, _EVERY_ROW = 0.1, 0.9
+"""Of a period, how far a row may lie from a tick; and the share of rows that is nearly all."""
 HOLE_PERIODS = 2.5
 """Outputs are not interpolated over holes longer than this many periods; such samples are not scored."""
 
@@ -106,6 +112,7 @@ def align(recording: Recording, plant: Plant, shortest: float = MIN_DURATION, mo
     _leave_out_glitches(outputs, plant, warnings)
     if len(time) < 10:
         raise GapInputError(f"{source}: time: {len(time)} rows have a time and a run; record at least {shortest:g} s")
+    time = _as_sampled(time, segment, outputs, warnings)
     steps = np.diff(time)
     same_run = segment[1:] == segment[:-1]
     forward = steps[(steps > 0) & same_run]
@@ -121,15 +128,21 @@ def align(recording: Recording, plant: Plant, shortest: float = MIN_DURATION, mo
             "the unit of time right in the map?"
         )
     breaks = _breaks(time, segment, period, warnings)
-    pieces, runs, position = [], [], 0
+    pieces, runs, position, lost = [], [], 0, 0
     for start, stop in zip([0, *breaks], [*breaks, len(time)], strict=True):
         piece = _resample(time[start:stop], inputs[start:stop], outputs[start:stop], period, auxiliary, start, plant)
         if piece is None:
             continue
         pieces.append(piece)
+        lost += int(_lost(time[start:stop], piece[0], period).sum())
         setup = 0 if recording.setup is None else int(recording.setup[keep][start])
         runs.append(Run(position, position + len(piece[0]), float(segment[start]), setup))
         position += len(piece[0])
+    if lost:
+        warnings.append(
+            f"time: {lost} rows ({100.0 * lost / position:.2g} %) of a steady clock are missing; what the robot was "
+            "told in them is interpolated (`hold: zero` at an input keeps the last)"
+        )
     usable = sum((r.stop - r.start) * period for r in runs)
     if usable < shortest:
         raise GapInputError(
@@ -167,6 +180,19 @@ def align(recording: Recording, plant: Plant, shortest: float = MIN_DURATION, mo
     )
 
 
+def _as_sampled(time: Array, segment: Array, outputs: Array, warnings: list[str]) -> Array:
+    """The rows' times (n,), of each run by its own clock."""
+    edges = [0, *(np.flatnonzero(np.diff(segment)) + 1).tolist(), len(time)]
+    pieces = [sample_times(time[a:b], outputs[a:b]) for a, b in pairwise(edges)]
+    worst = max((scatter for _, scatter in pieces), default=0.0)
+    if worst > 0.0:
+        warnings.append(
+            f"time: stamps scatter by {1e3 * worst:.2g} ms about a steady clock, by which the robot moves smoothly; "
+            "rows are taken for ticks of that clock"
+        )
+    return np.concatenate([times for times, _ in pieces]) if pieces else time
+
+
 def _leave_out_hangs(outputs: Array, plant: Plant, warnings: list[str]) -> None:
     """Make NaN of what a hanging sensor repeats, in place."""
     hung = hangs(outputs)
@@ -201,8 +227,20 @@ def _period(time: Array, same_run: NDArray[np.bool_], values: Array) -> float:
         steps = np.diff(time[rows])
         steps = steps[(steps > 0) & (run[rows][1:] == run[rows][:-1])]
         if len(steps):
-            periods.append(float(np.median(steps)))
+            periods.append(_usual_step(steps))
     return min(periods, default=float(np.median(np.diff(time))))
+
+
+def _usual_step(steps: Array) -> float:
+    """The median of the steps [s], to more digits where they are multiples of one but for what scatters little.
+
+    Stamps since 1970 are told to 0.2 us: the median of their steps is off by so much, which adds up over a recording.
+    """
+    usual = float(np.median(steps))
+    times = np.round(steps / usual)
+    near = (times >= 1.0) & (times < _JUMP_PERIODS)
+    mean = float(steps[near].sum() / times[near].sum())
+    return mean if abs(mean - usual) < _SAME_PERIOD * usual else usual
 
 
 def _missing(valid: NDArray[np.bool_]) -> float:
@@ -241,11 +279,15 @@ def _resample(
         return None
     grid = time[0] + period * np.arange(int((time[-1] - time[0]) / period + 1e-6) + 1)
     new_inputs = np.empty((len(grid), inputs.shape[1]))
-    for i, channel in enumerate(plant.inputs):
+    lost = _lost(time, grid, period)
+    for i, (channel, row) in enumerate(zip(plant.inputs, plant.map.inputs, strict=True)):
         stamps, values = _sampled(time, inputs[:, i], period)
         if not len(stamps):
             return None
-        new_inputs[:, i] = np.interp(grid, stamps, values) if channel.linear else _hold(grid, stamps, values, period)
+        between = np.interp(grid, stamps, values)
+        new_inputs[:, i] = between if channel.linear else _hold(grid, stamps, values, period)
+        if row.hold is None and len(stamps) > _EVERY_ROW * len(time):
+            new_inputs[lost, i] = between[lost]
     new_outputs, valid = np.zeros((len(grid), outputs.shape[1])), np.zeros((len(grid), outputs.shape[1]))
     for i, output in enumerate(plant.outputs):
         stamps, values = _sampled(time, outputs[:, i], period)
@@ -273,6 +315,21 @@ def _resample(
         else:
             aux[name] = np.interp(grid, stamps, values)
     return grid, new_inputs, new_outputs, valid, aux
+
+
+def _lost(time: Array, grid: Array, period: float) -> NDArray[np.bool_]:
+    """Which points of the grid are ticks of a steady clock whose rows the log has lost.
+
+    The robot was told something then. Where rows come late instead, and not on the next tick, it was told nothing.
+    """
+    steps = np.diff(time) / period
+    longer = steps[steps > 1.5]
+    on_tick = np.abs(longer - np.round(longer)) < _ON_TICK
+    if not len(longer) or on_tick.mean() < _EVERY_ROW:
+        return np.zeros(len(grid), dtype=bool)
+    last = np.maximum(np.searchsorted(time, grid + 1e-3 * period, side="right") - 1, 0)
+    lost: NDArray[np.bool_] = grid - time[last] > 0.5 * period
+    return lost
 
 
 def _sampled(time: Array, values: Array, period: float) -> tuple[Array, Array]:
