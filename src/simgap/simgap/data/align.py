@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from simgap.data.errors import GapInputError
 from simgap.data.glitches import QUANTITIES, glitches
-from simgap.data.hangs import hangs
 from simgap.data.lattice import lattice_step
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording
@@ -108,7 +107,6 @@ def align(recording: Recording, plant: Plant, shortest: float = MIN_DURATION, mo
     auxiliary = {k: v[keep] for k, v in recording.auxiliary.items()}
     if recording.enabled is not None:
         auxiliary[_ENABLED] = recording.enabled[keep]
-    _leave_out_hangs(outputs, plant, warnings)
     _leave_out_glitches(outputs, plant, warnings)
     if len(time) < 10:
         raise GapInputError(f"{source}: time: {len(time)} rows have a time and a run; record at least {shortest:g} s")
@@ -191,18 +189,6 @@ def _as_sampled(time: Array, segment: Array, outputs: Array, warnings: list[str]
             "rows are taken for ticks of that clock"
         )
     return np.concatenate([times for times, _ in pieces]) if pieces else time
-
-
-def _leave_out_hangs(outputs: Array, plant: Plant, warnings: list[str]) -> None:
-    """Make NaN of what a hanging sensor repeats, in place."""
-    hung = hangs(outputs)
-    outputs[hung] = np.nan
-    for channel, repeated in zip(plant.outputs, hung.T, strict=True):
-        if repeated.any():
-            warnings.append(
-                f"output {channel.name}: {int(repeated.sum())} samples ({100.0 * float(repeated.mean()):.2g} %) repeat "
-                "the one before while the robot moves; left out, as of a sensor that hangs"
-            )
 
 
 def _leave_out_glitches(outputs: Array, plant: Plant, warnings: list[str]) -> None:
