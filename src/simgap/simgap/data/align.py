@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from simgap.data.errors import GapInputError
 from simgap.data.glitches import QUANTITIES, glitches
-from simgap.data.lattice import lattice_step
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording
 from simgap.data.sample_times import sample_times
@@ -176,6 +175,19 @@ def align(recording: Recording, plant: Plant, shortest: float = MIN_DURATION, mo
         enabled,
         source,
     )
+
+
+def lattice_step(values: Array) -> float:
+    """Step of the lattice on which sampled values (n,) lie, as those of an encoder do; 0 where there is none."""
+    levels = np.unique(values)
+    if len(levels) < 3:
+        return 0.0
+    steps = np.diff(levels)
+    steps = steps[steps > 1e-9 * max(float(np.ptp(levels)), 1e-12)]
+    step = float(np.percentile(steps, 5)) if len(steps) else 0.0
+    # Encoders' values are written with few digits, which moves each by a little.
+    on_lattice = step > 0.0 and float(np.mean(np.abs(steps / step - np.round(steps / step)) < 0.02)) > 0.9
+    return step if on_lattice else 0.0
 
 
 def _as_sampled(time: Array, segment: Array, outputs: Array, warnings: list[str]) -> Array:
