@@ -24,8 +24,8 @@ _ENABLED = ""
 """Stands for the map's `enabled` among the auxiliary columns while they are resampled."""
 _JUMP_PERIODS = 10.0
 """A step of time longer than this many periods ends a run."""
-_SAME_PERIOD = 1e-3
-"""Share by which the mean of a steady clock's steps differs from their median, at most."""
+_EXACT, _SAME_PERIOD = 1e-7, 1e-3
+"""Shares by which the mean of a steady clock's steps differs from their median: where stamps are exact, and at most."""
 _ON_TICK, _EVERY_ROW = 0.1, 0.9
 """Of a period, how far a row may lie from a tick; and the share of rows that is nearly all."""
 HOLE_PERIODS = 2.5
@@ -238,7 +238,7 @@ def _usual_step(steps: Array) -> float:
     times = np.round(steps / usual)
     near = (times >= 1.0) & (times < _JUMP_PERIODS)
     mean = float(steps[near].sum() / times[near].sum())
-    return mean if abs(mean - usual) < _SAME_PERIOD * usual else usual
+    return mean if _EXACT * usual < abs(mean - usual) < _SAME_PERIOD * usual else usual
 
 
 def _missing(valid: NDArray[np.bool_]) -> float:
