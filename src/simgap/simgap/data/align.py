@@ -131,7 +131,7 @@ def align(recording: Recording, plant: Plant, shortest: float = MIN_DURATION, mo
         if piece is None:
             continue
         pieces.append(piece)
-        lost += int(_lost(time[start:stop], piece[0], period).sum())
+        lost += piece[5]
         setup = 0 if recording.setup is None else int(recording.setup[keep][start])
         runs.append(Run(position, position + len(piece[0]), float(segment[start]), setup))
         position += len(piece[0])
@@ -270,8 +270,8 @@ def _resample(
     auxiliary: dict[str, Array],
     start: int,
     plant: Plant,
-) -> tuple[Array, Array, Array, Array, dict[str, Array]] | None:
-    """One run on its uniform grid, or None where it is too short to hold a window."""
+) -> tuple[Array, Array, Array, Array, dict[str, Array], int] | None:
+    """One run on its uniform grid, and how many rows it has lost; None where it is too short to hold a window."""
     stop = start + len(time)
     if len(time) < 20 or time[-1] - time[0] < 20 * period:
         return None
@@ -312,7 +312,7 @@ def _resample(
             aux[name] = np.full(len(grid), np.nan)
         else:
             aux[name] = np.interp(grid, stamps, values)
-    return grid, new_inputs, new_outputs, valid, aux
+    return grid, new_inputs, new_outputs, valid, aux, int(lost.sum())
 
 
 def _lost(time: Array, grid: Array, period: float) -> NDArray[np.bool_]:
