@@ -186,8 +186,8 @@ def fit_clock(seen: Motion, expected: Motion, name: str) -> Clock:
     if beats < SURE:
         raise TrackError(
             f"{name}: the film's clock cannot be told: another one is {beats:.2f} standard errors from the best "
-            f"(needed: {SURE:.2f}), and the commands explain {100.0 * explained:.0f} % of what is seen; is it a film of "
-            "this recording? Film a start and a stop too: a walk that never changes looks alike after each stride"
+            f"(needed: {SURE:.2f}), and the commands explain {100.0 * explained:.0f} % of what is seen; is it a film "
+            "of this recording? Film a start and a stop too: a walk that never changes looks alike after each stride"
         )
     return Clock(offset, rate, deviation, explained, beats, overlap, _walked(filmed))
 
