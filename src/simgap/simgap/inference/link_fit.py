@@ -40,12 +40,15 @@ class LinkFit:
     Attributes:
         effect: the link; the last of the fit's effects.
         left: (nw, ns, nl) what the mean leaves.
+        given_up: whether its search was broken off as hopeless: its parameter is then the best of a coarse grid, at the
+            end of it as a rule, and the scatter that it predicts no link's.
     """
 
     effect: Late
     fit: Fit
     left: Array
     scatter: Scatter
+    given_up: bool
 
 
 @dataclass
@@ -105,7 +108,8 @@ class LinkFitter:
                 best = min(range(len(points)), key=lambda i: points[i].cost)
                 gain, last = last - points[best].cost, points[best].cost
                 behind = (last - self._least) / float(self._samples.sum())
-                if abs(gain) < _SETTLED or round_ == _ROUNDS - 1 or behind > _HOPELESS:
+                settled = abs(gain) < _SETTLED or round_ == _ROUNDS - 1
+                if settled or behind > _HOPELESS:
                     break
                 about, step = points[best].x, points[best].step
                 x, z = around.values(around.scaled(x) + step[: len(x)]), z + step[len(x) :]
@@ -117,7 +121,7 @@ class LinkFitter:
                 break
         self._least = min(self._least, last)
         fit, left = self._scored(hypothesis, effect, scatter, state, room, points)
-        return LinkFit(effect, fit, left, scatter)
+        return LinkFit(effect, fit, left, scatter, not settled)
 
     def _points(
         self, hypothesis: Hypothesis, effect: Late, scatter: Scatter, state: _State, room: Room, grid: Array

@@ -265,7 +265,7 @@ class Selector:
         refused: list[Scored] = []
         if winner is not None and self._promises(reference, winner):
             singles, winner = self._followed(singles, winner, reference)
-            singles, winner = self._ended(singles, self._restarted(winner), reference)
+            singles, winner = self._ended(singles, winner, reference)
             if self._effort.twice:
                 reference = self.candidates.without([winner], reference)
                 result = self._found = replace(result, reference=reference, best=reference, singles=singles)
@@ -329,16 +329,19 @@ class Selector:
         return self.candidates.restarted(scored) if self.scores.typical(scored.fit.held) > ENOUGH else scored
 
     def _ended(self, scored: list[Scored], winner: Scored, without: Scored) -> tuple[list[Scored], Scored]:
-        """Who could not be told from the winner, begun anew as that was; and who wins then.
+        """The winner begun anew, and so who could not be told from it before that; and who wins then.
 
-        Where ends are a matter of chance, more beginnings find a better one, whoever is right.
+        Where ends are a matter of chance, more beginnings find a better one, whoever is right. And what a winner finds
+        there is as open to who stood beside it: they begin from its numbers too.
         """
         if not self._effort.twice:
-            return scored, winner
+            return scored, self._restarted(winner)
         others = [s for s in scored if s.key != winner.key]
         close = indistinct(without.score - winner.score)
         near = [min(s.score - winner.score, s.fit.cost - winner.fit.cost) < close for s in others[: _EXCHANGED - 1]]
-        others = [self._restarted(s) if n else s for s, n in zip(others, near, strict=False)] + others[len(near) :]
+        winner = self._restarted(winner)
+        begun = [self.candidates.begun_from(s, winner.fit.z) if n else s for s, n in zip(others, near, strict=False)]
+        others = [self._restarted(s) if n else s for s, n in zip(begun, near, strict=True)] + others[len(near) :]
         ended = sorted([winner, *others], key=by_score)
         return ended, simplest(self.scores, ended, without, self._sites) or winner
 
@@ -434,16 +437,31 @@ class Selector:
             result.best, result.gains = simpler, [self.scores.difference(result.reference.fit, simpler.fit)]
 
     def _settle(self, result: Selection) -> None:
-        """Fit the winner once more with all nuisance sensitivities its own: its intervals rest on them."""
-        old, begun = result.best, self.candidates.told_apart(result.best).fit
+        """Fit the winner once more with all nuisance sensitivities its own: its intervals rest on them.
+
+        Where ends are a matter of chance that may take it much further, so who could not be told from it goes as far
+        before they are compared.
+        """
+        old, close = result.best, indistinct(result.reference.score - result.best.score)
+        others = [r for r in result.rivals if r.key != old.key]
+        near = [r for r in others if r.score - old.score < close][: _EXCHANGED - 1] if self._effort.twice else []
+        best, *settled = (self._settled(s) for s in (old, *near))
+        leader = min([best, *settled], key=by_score)
+        if leader.score < best.score - EVIDENCE:
+            settled, best = [best, *(s for s in settled if s is not leader)], leader
+            result.gains = [self.scores.difference(result.reference.fit, best.fit)]
+        left = [r for r in result.rivals if r is not old and r not in near]
+        result.best, result.rivals = best, sorted([best, *settled, *left], key=by_score)
+
+    def _settled(self, scored: Scored) -> Scored:
+        begun = self.candidates.told_apart(scored).fit
         # Where the time ended after starts were judged anew, what the fit remembers is judged as before.
         residual = self.fitter.replay(begun.hypothesis, [(begun.x, begun.z)])[0]
         self.fitter.refresh(begun.hypothesis, begun.x, begun.z, residual)
         fit = self.fitter.fit(begun.hypothesis, begun.x, begun.z, known=residual)
         fit = self.fitter.cross_validate(fit)
         fit.covariance = self.fitter.covariance(fit, thorough=True)
-        result.best = self.scores.scored(fit)
-        result.rivals = sorted([result.best, *(r for r in result.rivals if r is not old)], key=by_score)
+        return self.scores.scored(fit)
 
     def _grow(self, result: Selection) -> None:
         """Let the parameter of each effect that was found grow with time, where the recording is long enough."""

@@ -136,6 +136,8 @@ class Chance:
         return self._selector.scores.gain(without.likelihood, better)
 
     def _right(self, found: LinkFit) -> bool:
+        if found.given_up:
+            return False
         gain, low, _ = self._gain(None, found.fit)
         beside = len(found.fit.hypothesis.effects) > 1
         likely = gain > EVIDENCE + np.log(len(self._selector.effects)) and low > (EVIDENCE_MORE if beside else 0.0)
