@@ -444,12 +444,15 @@ class Selector:
         """
         old, close = result.best, indistinct(result.reference.score - result.best.score)
         others = [r for r in result.rivals if r.key != old.key]
-        near = [r for r in others if r.score - old.score < close][: _EXCHANGED - 1] if self._effort.twice else []
+        near = [r for r in others if min(r.score - old.score, r.fit.cost - old.fit.cost) < close][: _EXCHANGED - 1]
+        near = near if self._effort.twice else []
         best, *settled = (self._settled(s) for s in (old, *near))
-        leader = min([best, *settled], key=by_score)
-        if leader.score < best.score - EVIDENCE:
+        ahead = [self.scores.difference(best.fit, s.fit)[0] for s in settled]
+        if max(ahead, default=0.0) > 0.0:
+            leader = settled[int(np.argmax(ahead))]
             settled, best = [best, *(s for s in settled if s is not leader)], leader
-            result.gains = [self.scores.difference(result.reference.fit, best.fit)]
+            if len(best.fit.hypothesis.effects) == 1:
+                result.gains = [self.scores.difference(result.reference.fit, best.fit)]
         left = [r for r in result.rivals if r is not old and r not in near]
         result.best, result.rivals = best, sorted([best, *settled, *left], key=by_score)
 
