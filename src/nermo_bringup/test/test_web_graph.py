@@ -16,6 +16,7 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from playwright.sync_api import Browser, Page, sync_playwright
 from rclpy.parameter_client import AsyncParameterClient
@@ -174,6 +175,20 @@ def test_the_page_shows_the_mouse_and_the_stick_walks_it(graph: Graph, browser: 
     loads = page.locator("#loads output").all_inner_texts()
     assert len(loads) == 4 and all(load.endswith(" N") for load in loads)
     assert errors == []
+
+
+def test_what_a_program_tells_the_mouse_is_shown(graph: Graph, browser: Browser) -> None:
+    page = open_page(graph, browser, scene=False)
+    program = graph.bench.node.create_publisher(TwistStamped, "/nermo/cmd_vel", qos.COMMAND)
+    walk = TwistStamped()
+    walk.twist.linear.x = 0.04
+
+    def shown() -> bool:
+        program.publish(walk)
+        return page.locator("#commanded").inner_text() == "4.0"
+
+    graph.until(shown, "the page says what it is told on cmd_vel")
+    graph.until(lambda: page.locator("#commanded").inner_text() == "0.0", "nothing is said any more")
 
 
 def test_the_mouse_stops_when_the_hand_the_page_or_the_browser_goes(graph: Graph, browser: Browser) -> None:

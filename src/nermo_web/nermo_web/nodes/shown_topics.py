@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import BatteryState, JointState
@@ -56,7 +57,8 @@ class ShownTopics:
         self._battery: float | None = None
         self._odometry: Odometry | None = None
         self._turn_rate = 0.0
-        self._command: ControlCommand | None = None
+        self._command = 0.0, 0.0
+        """Forward [m/s] and turning [rad/s], as whoever drives said last."""
         self._command_at = -math.inf
         self._trouble: dict[str, tuple[float, str]] = {}
         self._power, self._pace = "", ""
@@ -71,6 +73,7 @@ class ShownTopics:
         self._foot_forces = latest(FootForces, "truth/foot_forces")
         self._leg_loads, self._batteries = latest(LegLoads, "leg_loads"), latest(BatteryState, "battery")
         self._commands = Latest(node, ControlCommand, "control_command", refuse, qos.COMMAND)
+        self._twists = Latest(node, TwistStamped, "cmd_vel", refuse, qos.COMMAND)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
 
     def draw(self) -> None:
@@ -105,17 +108,19 @@ class ShownTopics:
     def told(self) -> dict[str, Any]:
         """What the page's figures say, as JSON has it."""
         now = time.monotonic()
+        if (twist := self._twists.take()) is not None:
+            self._command, self._command_at = (twist.twist.linear.x, twist.twist.angular.z), now
         if (command := self._commands.take()) is not None:
-            self._command, self._command_at = command, now
+            self._command, self._command_at = (command.forward_velocity, command.turn_rate), now
         if (loads := self._leg_loads.take()) is not None:
             self._loads = [round(float(one), 3) for one in loads.load]
         if (battery := self._batteries.take()) is not None:
             self._battery = round(battery.voltage, 2) if math.isfinite(battery.voltage) else None
-        command = self._command if now - self._command_at < FRESH_S else None
+        forward, turning = self._command if now - self._command_at < FRESH_S else (0.0, 0.0)
         pose = self._odometry.pose.pose.position if self._odometry is not None else None
         return {
-            "commanded_m_s": 0.0 if command is None else round(command.forward_velocity, 4),
-            "commanded_rad_s": 0.0 if command is None else round(command.turn_rate, 3),
+            "commanded_m_s": round(forward, 4),
+            "commanded_rad_s": round(turning, 3),
             "speed_m_s": round(self._speed.forward, 4),
             "turn_rad_s": round(self._turn_rate, 3),
             "place_m": None if pose is None else [round(pose.x, 3), round(pose.y, 3), round(pose.z, 3)],
