@@ -445,7 +445,8 @@ class Selector:
         old, close = result.best, indistinct(result.reference.score - result.best.score)
         others = [r for r in result.rivals if r.key != old.key]
         near = [r for r in others if min(r.score - old.score, r.fit.cost - old.fit.cost) < close][: _EXCHANGED - 1]
-        near = near if self._effort.twice else []
+        if not self._effort.twice or self.budget.left_out:
+            near = []
         best, *settled = (self._settled(s) for s in (old, *near))
         ahead = [self.scores.difference(best.fit, s.fit)[0] for s in settled]
         if max(ahead, default=0.0) > 0.0:
