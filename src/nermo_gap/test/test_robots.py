@@ -109,6 +109,9 @@ def test_candidates_are_places_that_a_mouse_has_and_shows() -> None:
         assert expected in keys
     assert not [k for k in keys if "tail" in k or "head" in k]
     assert len(keys) < 250
+    rubbing = {e.key: e.aliases for e in enumerate_effects(context, only=("coulomb_friction",)) if keep(e)}
+    assert rubbing["coulomb_friction@rear_left_knee_joint"] == ("tendon_friction@rear_left_knee_tendon",)
+    assert {aliases for key, aliases in rubbing.items() if "knee_joint" not in key} == {()}
 
 
 def test_phases_of_a_leg_and_of_the_body_cover_every_row_once() -> None:

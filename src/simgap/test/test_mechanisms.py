@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import mujoco
 import numpy as np
@@ -31,7 +33,7 @@ from simgap.inference.scores import Scores
 from simgap.inference.screen import screen
 from simgap.simulation.integration import step_inertia
 from simgap.simulation.replay import Replayer
-from simgap.simulation.scales import measure_scales
+from simgap.simulation.scales import Scales, measure_scales
 from simgap.simulation.variant import Variant
 from simgap.simulation.windows import cut
 
@@ -166,6 +168,42 @@ def test_a_group_of_servos_is_told_in_one_unit() -> None:
     assert slack.aliases == ("servo_offset@cable_servo",) and slack.parameters[0].low < 0.0
     assert {"servo_gain@all", "servo_dead_band@cable_servo"} <= {e.key for e in effects}
     assert "servo_dead_band@all" not in {e.key for e in effects}
+
+
+_CABLE = """<mujoco><compiler angle="radian"/><option timestep="0.001"/><worldbody>
+<body><joint name="pulley" axis="0 1 0" damping=".05" armature=".01"/><geom size=".02" mass=".1"/></body>
+<body pos=".2 0 0"><joint name="knee" axis="0 1 0" stiffness="2" springref="1" damping=".02" frictionloss="{knee}"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.1" size=".01" mass=".1"/></body></worldbody>
+<tendon><fixed name="cable" limited="true" range="0 .001" frictionloss="{cable}">
+<joint joint="pulley" coef="-.01"/><joint joint="knee" coef=".01"/></fixed></tendon>
+<actuator><position name="servo" joint="pulley" kp="20" kv="0.5"/></actuator></mujoco>"""
+
+_KNEE: dict[str, object] = {
+    "time": {"column": "t", "unit": "s"},
+    "inputs": [{"column": "u", "unit": "rad", "actuator": "servo", "kind": "position"}],
+    "outputs": [{"column": "q", "unit": "rad", "joint": "knee", "quantity": "position"}],
+}
+
+
+def test_friction_in_the_routing_of_a_cable_that_does_not_stretch_is_its_joints() -> None:
+    """MuJoCo's friction of tendons brakes a changing length, and a taut cable's does not change: it does nothing."""
+
+    def swing(knee: float, cable: float) -> np.ndarray:
+        model = mujoco.MjModel.from_xml_string(_CABLE.format(knee=knee, cable=cable))
+        data, found = mujoco.MjData(model), []
+        for k in range(2000):
+            data.ctrl[0] = -0.4 + 0.3 * np.sin(4.0 * k * 1e-3)
+            mujoco.mj_step(model, data)
+            found.append(data.qpos[1])
+        return np.array(found)[500:]
+
+    free, cable, knee = swing(0.0, 0.0), swing(0.0, 1.0), swing(0.2, 0.0)
+    assert np.abs(cable - free).max() < 0.05 * np.abs(knee - free).max()
+    plant = build_plant(mujoco.MjSpec.from_string(_CABLE.format(knee=0.0, cable=0.0)), parse_map(_KNEE))
+    context = Context(plant, cast(Scales, SimpleNamespace(torque=np.ones(2))))
+    aliases = {e.key: e.aliases for e in enumerate_effects(context, only=("coulomb_friction",))}
+    assert aliases["coulomb_friction@knee"] == ("tendon_friction@cable",)
+    assert aliases["coulomb_friction@pulley"] == aliases["coulomb_friction@all"] == ()
 
 
 _SERVO = """<mujoco><option timestep="{h}" integrator="{integrator}"/><worldbody><body>

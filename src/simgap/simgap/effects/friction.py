@@ -24,6 +24,9 @@ from simgap.effects.body import turns_alone
 from simgap.simulation.variant import Variant
 
 Obj = mujoco.mjtObj
+_ARM = 1e-6
+"""[m] A shorter arm is none."""
+_AT_JOINT, _AT_TENDON = mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_TENDON
 Values = NDArray[np.float64]
 
 
@@ -66,15 +69,49 @@ class CoulombFriction(DryFriction, ByPart):
 
     name = "coulomb_friction"
 
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        """Friction in the routing of the cable that turns the joint is the same, while the cable is taut."""
+        return self._cable
+
+    _cable: tuple[str, ...] = ()
+
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
+        turning = _cables(context.model)
         for site in named_sites(context, Obj.mjOBJ_JOINT, scalar_joints(context.model)):
-            yield cls(site, by_joint(context, site, lambda joints: _friction(context, joints)))
+            effect = cls(site, by_joint(context, site, lambda joints: _friction(context, joints)))
+            if len(site.targets) == 1 and site.targets[0] in turning:
+                effect._cable = (f"tendon_friction@{turning[site.targets[0]]}",)
+            yield effect
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         dofs = _dofs(variant, self.site.targets)
         self.grip_joints(variant)
         variant.model.dof_frictionloss[dofs] += np.asarray(values)
+
+
+def _cables(model: mujoco.MjModel) -> dict[int, str]:
+    """Names of cables that do not stretch, by the joint that each turns for another that a motor turns.
+
+    Taut, such a cable has one length, so that MuJoCo's friction of tendons, which brakes a changing length, is none.
+    """
+    data = mujoco.MjData(model)
+    if model.nkey:  # in the pose of qpos0 a cable may go through a joint's axis
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    arms = np.zeros((model.ntendon, model.nv))
+    if model.ntendon:
+        mujoco.mju_sparse2dense(arms, data.ten_J, model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind)
+    at = {int(kind): model.actuator_trnid[model.actuator_trntype == kind, 0] for kind in (_AT_JOINT, _AT_TENDON)}
+    driven = set(at[_AT_JOINT].tolist())
+    found = {}
+    for t in np.flatnonzero(np.asarray(model.tendon_limited) & (model.tendon_stiffness == 0.0)):
+        joints = {int(model.dof_jntid[v]) for v in np.flatnonzero(np.abs(arms[t]) > _ARM)}
+        (*passive,) = joints - driven
+        if t not in at[_AT_TENDON] and len(passive) == 1 and joints & driven:
+            found[passive[0]] = str(model.tendon(int(t)).name)
+    return found
 
 
 def _friction(context: Context, joints: Sequence[int]) -> Parameter:
