@@ -291,14 +291,15 @@ class ThermalDrift(Effect):
 
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
-        usual = context.scales.force[:, -1]
+        # Held to the motion of a servo that lags, the nominal one pulls far harder at times: not the largest forces.
+        usual = context.scales.force[:, 0]
         told = set(commanded(context.plant, ("position", "velocity", "torque"))) & set(heated(context.plant))
         for site in servo_sites(context, [a for a in told if usual[a] > 0]):
             # A thermometer knows better than what the torque was.
             if set(site.targets) <= context.warming:
                 yield cls(site, [Parameter("loss", "1", 0.0, 0.0, 5.0, (0.05, 0.2, 0.8), 0.1)], "measured")
             else:
-                effect = cls(site, [Parameter("loss", "1", 0.0, 0.0, 60.0, (0.5, 2.0, 6.0), 0.5)])
+                effect = cls(site, [Parameter("loss", "1", 0.0, 0.0, 100.0, (0.4, 1.5, 5.0), 0.5)])
                 effect._usual = tuple(float(usual[a]) for a in site.targets)
                 yield effect
 
