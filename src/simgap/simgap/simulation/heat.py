@@ -90,7 +90,10 @@ class Heat:
 
         ``inputs`` (n, ni): as they reach the servos, but for delays. Every run begins with cold servos.
         """
-        servos, denominator = variant.servos, np.ones((len(inputs), variant.model.nu))
+        servos = variant.servos
+        if not servos.heat_loss.any() and not servos.temperature_loss.any():
+            return None
+        denominator = np.ones((len(inputs), variant.model.nu))
         warming = [a for a in self._heated if servos.heat_loss[a]]
         if warming:
             square = (self._torque(variant, inputs, state) / servos.heat_reference) ** 2
@@ -102,8 +105,6 @@ class Heat:
                     denominator[rows, a] += servos.heat_loss[a] * heat
         for a, rise in self._warming.items():
             denominator[:, a] += servos.temperature_loss[a] * rise / 10.0
-        if (denominator == 1.0).all():
-            return None
         result: Array = 1.0 / np.maximum(denominator, _WARMEST)
         return result
 

@@ -91,8 +91,8 @@ class _Simulations:
     """(n, steps, nsensordata), filled as they run."""
     failed: NDArray[np.bool_]
     """Those that broke down so far."""
-    left: tuple[Array, Ints] | None
-    """Shares of their torque that heat leaves servos (k, n, nu), and which of the k is each simulation's (n,)."""
+    left: Array | None
+    """Share of its torque that heat leaves each servo, in the rows from the origin on (n, rows, nu)."""
 
 
 class Replayer:
@@ -255,7 +255,7 @@ class Replayer:
         states = np.array([rows[v].state for v in which])
         follow = Follow(prepared.states, states, drive.origin, batch, late_from=self._late_from)
         history = np.empty((len(which), self._steps, self.plant.model.nsensordata))
-        left = self._left_by_heat(prepared, which)
+        left = self._left_by_heat(prepared, which, origin)
         sims = _Simulations(batch, mine, pairs, drive, follow, history, np.zeros(len(which), bool), left)
         if way != _ROLLS:
             self._step_through(sims, way == _REMEMBERS or self._settles(batch), probe)
@@ -267,17 +267,18 @@ class Replayer:
         outputs[failed] = np.nan
         return outputs
 
-    def _left_by_heat(self, prepared: _Prepared, which: Ints) -> tuple[Array, Ints] | None:
+    def _left_by_heat(self, prepared: _Prepared, which: Ints, origin: Ints) -> Array | None:
         """See `_Simulations`; None where no servo of these variants loses torque as it warms."""
-        used, mine = np.unique(which, return_inverse=True)
-        shares = [
-            self.heat.left(prepared.variants[v], prepared.inputs[row.inputs], prepared.states[row.state])
-            for v, row in ((v, prepared.rows[v]) for v in used)
-        ]
-        if all(share is None for share in shares):
-            return None
-        whole = np.ones((len(self.aligned.time), self.plant.model.nu))
-        return np.stack([whole if share is None else share for share in shares]), mine.astype(np.int64)
+        found: Array | None = None
+        ahead = np.arange(int(self._steps * self._dt / self.aligned.period) + 1)
+        rows = np.minimum(origin[:, None] + ahead, len(self.aligned.time) - 1)
+        for v in np.unique(which):
+            row = prepared.rows[v]
+            share = self.heat.left(prepared.variants[v], prepared.inputs[row.inputs], prepared.states[row.state])
+            if share is not None:
+                found = np.ones((len(which), len(ahead), share.shape[1])) if found is None else found
+                found[which == v] = share[rows[which == v]]
+        return found
 
     def _roll_out(self, sims: _Simulations) -> None:
         """The free run in one call, for variants whose inputs do not depend on the state."""
@@ -333,7 +334,7 @@ class Replayer:
                 if supply is not None:
                     supply = supply[row]
                 if sims.left is not None:
-                    left = sims.left[0][sims.left[1], row]
+                    left = sims.left[:, int(position)]
                 control, extra = servo.step(control, supply, left)
                 applied = applied + (extra if switch is None else extra * switch.on(position)[:, None])
             if switch is not None:
