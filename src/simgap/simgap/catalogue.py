@@ -86,7 +86,8 @@ def _contexts() -> Iterator[Context]:
     """Small robots that between them have a place for every effect, moved by about one of everything."""
     for name, xml in MODELS.items():
         plant = build_plant(mujoco.MjSpec.from_string(xml), parse_map(dict(MAPS[name])))
-        yield Context(plant, _ones(plant), switched=True, swaying=True)
+        # Of several servos, the first has a thermometer.
+        yield Context(plant, _ones(plant), {}, True, True, frozenset([0] if plant.model.nu > 1 else []))
     model = """<mujoco><worldbody><geom name="floor" type="plane" size="1 1 .1"/>
       <body name="trunk" pos="0 0 .3"><freejoint/><geom name="foot_left" size=".05" pos="0 .1 -.2"/>
       <geom name="foot_right" size=".05" pos="0 -.1 -.2"/><site name="imu"/>

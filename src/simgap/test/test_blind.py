@@ -109,6 +109,16 @@ def test_every_fault_changes_the_recording_and_more_when_it_is_stronger(fault: F
     assert moved[1] > 3e-4
 
 
+def test_a_horn_slips_once_in_mid_run_and_stays_where_it_is() -> None:
+    truth, (healthy, scale) = _truth(), _healthy("arm")
+    slipped = next(f for f in UNKNOWN if f.name == "slipped_horn")
+    assert slipped.inject(truth, scale, "shoulder_servo", 0.2) == {}
+    off = np.abs(_run(truth).columns["q0"] - healthy.columns["q0"])
+    assert off[: round(0.3 * len(off))].max() < 1e-9
+    jump = 0.2 * scale.swing[truth.model.actuator("shoulder_servo").id]
+    assert np.median(off[round(0.85 * len(off)) :]) == pytest.approx(jump, rel=0.3)
+
+
 def test_a_play_joint_is_loose_by_its_width_and_a_flexing_link_hides() -> None:
     healthy = _run(_truth())
     loose = _run(_truth(soft={"elbow": Soft(width=0.1)}))

@@ -124,6 +124,25 @@ def test_a_sagging_supply_weakens_servos_at_their_limit_too(exact: None) -> None
     assert _typical(fitter, Hypothesis((effect,)), [sag]) < 0.1 * _typical(fitter, Hypothesis(), [])
 
 
+@pytest.mark.parametrize(("robot", "level"), [("pendulum", 1), ("arm", 2), ("camera", 1)])
+def test_a_motor_that_warms_is_as_warm_in_every_window(exact: None, robot: str, level: int) -> None:
+    """The hidden one warms by the torque that it asks for, step by step, and loses relative to a healthy robot's."""
+    case = _case(robot, "thermal_drift", level)
+    fitter, effects, plant = _replayed(case)
+    (fault,) = case.faults
+    plain = next(e for e in effects if e.key == f"thermal_drift@{fault.site}")
+    (effect,) = plain.alternatives()
+    usual = dict(zip(plain.site.targets, plain._usual, strict=True))  # type: ignore[attr-defined]
+    servo = plant.model.actuator(fault.members[0]).id
+    healthy = recordings.Truths(case, robot_of(robot))._scale().force[servo]
+    loss = 4.0 * fault.size * (usual[servo] / healthy) ** 2
+    without = _typical(fitter, Hypothesis(), [])
+    left = _typical(fitter, Hypothesis((effect,)), [loss, fault.parameters["time"]])
+    cold = _typical(fitter, Hypothesis((effect,)), [loss, 60.0])
+    assert left - 1.0 < 0.2 * (without - 1.0)
+    assert left < 0.5 * cold
+
+
 def test_a_foot_that_slips_only_when_little_friction_is_left_is_tried_there(exact: None) -> None:
     """The leg hardly pushes sideways: with a quarter of its friction the foot still sticks, and little changes."""
     fitter, effects, _ = _replayed(_case("leg", "ground_friction", size=0.07))

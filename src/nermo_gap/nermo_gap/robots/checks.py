@@ -23,6 +23,8 @@ CHECKS = {
     "servo_backlash": "hold the horn of the {where} and turn it to and fro by hand: feel for {angle} of play",
     "joint_elasticity": "hold the horn of the {where} with its servo on and press: it gives and springs back; tighten "
     "its screws, look for cracks",
+    "thermal_drift": "feel the servos of the {where}; let them cool for ten minutes and record again: a gap that "
+    "is back only after a while is heat; look for what they work against all the time",
     "coulomb_friction": "without power, turn the {where} by hand: it sticks; free its cable guide",
     "viscous_friction": "without power, swing the {where} by hand: it is damped; look at its grease",
     "joint_stiffness": "bend the {where} with a spring scale: it should be {share} {softer} than its drawing says; "

@@ -79,6 +79,9 @@ def worth_a_look(plant: Plant) -> Callable[[Effect], bool]:
         if name.startswith(("servo", "link", "supply")):
             # A motor of its own behind a play takes a finer time step than replays have; the late command is its like.
             return site in servos and effect.form != "motor"
+        if name == "thermal_drift":
+            # One candidate more, not one a servo: each is replayed step by step, and they warm together.
+            return site == "all"
         if name.startswith("tendon"):
             return site in tendons | {"all_knees"}
         if name in ("ground_friction", "foot_compliance"):

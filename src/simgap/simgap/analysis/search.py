@@ -112,7 +112,12 @@ def search(
         replayer = replay(nominal, floor)
     windows = replayer.windows
     context = Context(
-        plant, measure_scales(replayer, nominal), options.groups, not aligned.enabled.all(), sways(replayer.supply)
+        plant,
+        measure_scales(replayer, nominal),
+        options.groups,
+        not aligned.enabled.all(),
+        sways(replayer.supply),
+        replayer.heat.measured,
     )
     effects = enumerate_effects(context, options.extra_effects, options.only)
     if options.keep is not None:

@@ -80,8 +80,8 @@ def _show(case: Case, rng: np.random.Generator) -> bool:
     return False
 
 
-_INIMITABLE = ("sensor_delay", "sensor_scale", "sensor_saturation", "sensor_misalignment", "link_")
-"""Faults that act outside of the mechanics: no number of a healthy robot does what they do."""
+_INIMITABLE = ("sensor_delay", "sensor_scale", "sensor_saturation", "sensor_misalignment", "link_", "slipped_horn")
+"""Faults that act outside of the mechanics, or in mid-run: no number of a healthy robot does what they do."""
 
 
 def _shift(case: Case, index: int) -> float:

@@ -303,6 +303,12 @@ def _robot_signals(plant: Plant, variant: Variant) -> Iterator[Signal]:
             force = "N m" if unit == "rad" else "N"
             yield Signal("servo", actuators[a], "compliance", float(servos.compliance[a]), f"{unit}/({force})")
             yield Signal("servo", actuators[a], "ringing", float(servos.ringing[a]), "1")
+        if servos.heat_loss[a]:
+            yield Signal("servo", actuators[a], "heat_loss", float(servos.heat_loss[a]), "1")
+            yield Signal("servo", actuators[a], "heat_time", float(servos.heat_time[a]), "s")
+            yield Signal("servo", actuators[a], "heat_reference", float(servos.heat_reference[a]), "1")
+        if servos.temperature_loss[a]:
+            yield Signal("servo", actuators[a], "temperature_loss", float(servos.temperature_loss[a]), "1")
     if servos.sag:
         yield Signal("servo", "all", "sag", float(servos.sag), "1")
         yield Signal("servo", "all", "sag_reference", float(servos.sag_reference), "1")

@@ -32,6 +32,9 @@ class Signals:
       ``dead_band_in_part`` (with what exceeds the band), ``backlash`` (full width; here a play of the command),
       ``compliance`` (of the drive, per torque at the joint; here only how far it gives at rest, not that it rings, with
       the damping ratio ``ringing``),
+      ``heat_loss`` (the servo loses torque by 1 / (1 + heat_loss * heat), where heat, 0 after `reset`, follows
+      (torque / ``heat_reference``)^2 within ``heat_time`` [s]), ``temperature_loss`` (torque goes with a temperature
+      that was measured: a simulation has none, so it does nothing here),
       ``sag`` (all servos lose torque by 1 / (1 + sag * load), load 1 at ``sag_reference``), ``follows_voltage`` (torque
       goes with a voltage that was measured: a simulation has none, so it does nothing here);
     - ``joint``: ``stribeck`` (friction near standstill beyond the model's) with ``stribeck_speed``,
@@ -61,6 +64,7 @@ class Signals:
         self._next_update = np.full(n, -np.inf)
         self._readings: dict[str, deque[tuple[float, float]]] = {}
         self._filters: dict[str, tuple[float, float]] = {}
+        self._heat = np.zeros(n)
 
     def step(self, data: mujoco.MjData, command: Sequence[float] | Array) -> None:
         """Set ``data.ctrl``, and the joints' friction, for the coming `mj_step`."""
@@ -76,8 +80,8 @@ class Signals:
             control[a] = self._through_drive(a, float(control[a]), data)
             if self._gains[a]:
                 control[a] = self._closed_loop(a, float(control[a]), data)
-        if self._supply:
-            control = self._sag(control, data)
+        if self._supply or any("heat_loss" in of for of in self._servo):
+            control = self._weaken(control, data)
         data.ctrl[:] = control
         self._rub(data)
 
@@ -180,12 +184,19 @@ class Signals:
         torque = self._gains[a].get("kp", 0.0) * (target - angle) - self._gains[a].get("kd", 0.0) * rate
         return float(torque / (gear * gain))
 
-    def _sag(self, control: Array, data: mujoco.MjData) -> Array:
+    def _weaken(self, control: Array, data: mujoco.MjData) -> Array:
+        """What heat, and then a supply that sags, leave of the servos' torque."""
         model = self._model
         gain, bias = model.actuator_gainprm[:, 0], model.actuator_biasprm
         asked = gain * control + bias[:, 0] + bias[:, 1] * data.actuator_length + bias[:, 2] * data.actuator_velocity
         limited = model.actuator_forcelimited.astype(bool)
         force = np.where(limited, np.clip(asked, *model.actuator_forcerange.T), asked)
+        for a, of in enumerate(self._servo):
+            if "heat_loss" in of:
+                kept = np.exp(-model.opt.timestep / of["heat_time"])
+                warm = 1.0 + of["heat_loss"] * self._heat[a]
+                self._heat[a] = kept * self._heat[a] + (1.0 - kept) * (force[a] / of["heat_reference"]) ** 2
+                force[a] /= warm
         load = np.abs(force * model.actuator_gear[:, 0]).sum() / self._supply.get("sag_reference", 1.0)
         lost = asked - force / (1.0 + self._supply.get("sag", 0.0) * load)
         result: Array = control - np.divide(lost, gain, out=np.zeros_like(lost), where=gain != 0)

@@ -19,6 +19,11 @@ from simgap.data.mapping import SIGNALS, Map, SignalRow
 Array = NDArray[np.float64]
 Obj = mujoco.mjtObj
 _PATHS = {"command": "inputs", "recording": "inputs", "servo": "servos", "joint": "friction", "sensor": "outputs"}
+KELVINS = {
+    **dict.fromkeys(("K", "kelvin", "degC", "°C", "celsius"), 1.0),
+    **dict.fromkeys(("degF", "°F", "fahrenheit"), 5.0 / 9.0),
+}
+"""Kelvins in a step of one unit: only differences matter."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,29 @@ def known_signals(
     if turns:
         found.append(Known("outputs", "turns", (), tuple(_turn(name, s, outputs) for name, s in turns.items())))
     return tuple(found)
+
+
+def thermometers(model: mujoco.MjModel, mapping: Map) -> dict[int, tuple[str, float]]:
+    """{actuator: (column, kelvins in its unit)} of the map's `auxiliary` rows that name an actuator.
+
+    Raises:
+        GapInputError: a row names an actuator that the model lacks, or has no unit of temperature.
+    """
+    names, found = model_names(model, mujoco.mjtObj.mjOBJ_ACTUATOR), {}
+    for i, row in enumerate(mapping.auxiliary):
+        if row.actuator is None:
+            continue
+        where = f"{mapping.source}: auxiliary[{i}]"
+        if row.actuator not in names:
+            raise GapInputError(
+                f"{where}.actuator: {row.actuator!r} is not there; {nearest(row.actuator, names, 'name')}"
+            )
+        if row.unit not in KELVINS:
+            raise GapInputError(
+                f"{where}: unit {row.unit!r} does not fit; of an actuator it is a temperature, {', '.join(KELVINS)}"
+            )
+        found[names.index(row.actuator)] = row.column, KELVINS[row.unit]
+    return found
 
 
 def _channels(row: SignalRow, inputs: Sequence[InputChannel], where: str) -> tuple[int, ...]:

@@ -169,6 +169,8 @@ class AuxiliaryRow(ChannelRow):
     """A channel that may explain or contradict an effect (supply voltage, temperature...)."""
 
     unit: str | None = None
+    actuator: str | None = None
+    """Whose motor's temperature it is."""
 
 
 class EnabledRow(ChannelRow):
@@ -203,6 +205,10 @@ SIGNALS = {
         "backlash": Way("backlash", 0.0),
         "compliance": Way("compliance", 0.0),
         "ringing": Way("ringing", 0.0),
+        "heat_loss": Way("heat_loss", 0.0),
+        "heat_time": Way("heat_time", 0.0, open=True),
+        "heat_reference": Way("heat_reference", 0.0, open=True),
+        "temperature_loss": Way("temperature_loss", 0.0),
         "sag": Way("sag", 0.0),
         "sag_reference": Way("sag_reference", 0.0, open=True),
         "follows_voltage": Way("follows"),

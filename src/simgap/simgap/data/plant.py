@@ -19,7 +19,7 @@ from simgap.data.channels import (
     sensor_of,
 )
 from simgap.data.errors import GapInputError
-from simgap.data.known import Known, known_signals
+from simgap.data.known import Known, known_signals, thermometers
 from simgap.data.mapping import GainRow, Map
 from simgap.data.setup import AS_MODELLED, Setup, setups
 
@@ -140,6 +140,7 @@ def build_plant(spec: mujoco.MjSpec, mapping: Map) -> Plant:
         if channel.actuator >= 0:
             model.actuator_ctrllimited[channel.actuator] = 0
     known = known_signals(model, inputs, outputs, mapping)
+    thermometers(model, mapping)
     return Plant(model, inputs, outputs, mapping, warnings, frozenset(), frozenset(), *setups(model, mapping), known)
 
 

@@ -88,6 +88,8 @@ class Context:
     """Whether servos were without power for a part of the recording."""
     swaying: bool = False
     """Whether the supply's voltage was measured, and is not always the same."""
+    warming: frozenset[int] = frozenset()
+    """Actuators whose motor's temperature was measured, and is not always the same."""
 
     @property
     def model(self) -> mujoco.MjModel:

@@ -14,7 +14,8 @@ from simgap.data.channels import is_servo
 from simgap.data.plant import Plant
 from simgap.effects.base import ByPart, Context, Effect, Parameter, Site, amount, by_part, named_sites, ratio
 from simgap.effects.friction import damping_of
-from simgap.simulation.variant import Variant
+from simgap.simulation.heat import heated
+from simgap.simulation.variant import HEAT_TIME, Variant
 
 Obj = mujoco.mjtObj
 
@@ -277,6 +278,52 @@ class ServoTorqueLimit(Effect):
             low, high = model.actuator_forcerange[a] if model.actuator_forcelimited[a] else (-np.inf, np.inf)
             model.actuator_forcerange[a] = [max(low, -values[0]), min(high, values[0])]
             model.actuator_forcelimited[a] = 1
+
+
+class ThermalDrift(Effect):
+    """The servo loses torque as it heats up: its copper's resistance grows, its driver throttles.
+
+    Torque goes with 1 / (1 + loss * heat); heat is 0 at first and follows (torque / usual)^2 within some seconds.
+    Measured, torque goes with 1 / (1 + loss * warming / 10 K) of the motor's recorded temperature.
+    """
+
+    name = "thermal_drift"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        # Held to the motion of a servo that lags, the nominal one pulls far harder at times: not the largest forces.
+        usual = context.scales.force[:, 0]
+        told = set(commanded(context.plant, ("position", "velocity", "torque"))) & set(heated(context.plant))
+        for site in servo_sites(context, [a for a in told if usual[a] > 0]):
+            # A thermometer knows better than what the torque was.
+            if set(site.targets) <= context.warming:
+                yield cls(site, [Parameter("loss", "1", 0.0, 0.0, 5.0, (0.05, 0.2, 0.8), 0.1)], "measured")
+            else:
+                effect = cls(site, [Parameter("loss", "1", 0.0, 0.0, 100.0, (0.4, 1.5, 5.0), 0.5)])
+                effect._usual = tuple(float(usual[a]) for a in site.targets)
+                yield effect
+
+    _usual: tuple[float, ...] = ()
+    """Force of each servo of the site that heats it to 1 at last."""
+
+    def alternatives(self) -> Sequence[Effect]:
+        """One of which it is sought how fast it warms."""
+        if self.form:
+            return ()
+        time = Parameter("time", "s", HEAT_TIME, 0.5, 60.0, (1.5, 4.0, 12.0), 0.4, log=True)
+        other = ThermalDrift(self.site, (*self.parameters, time), "own time")
+        other._usual = self._usual
+        return (other,)
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        servos, targets = variant.servos, list(self.site.targets)
+        if self.form == "measured":
+            servos.temperature_loss[targets] += values[0]
+            return
+        servos.heat_loss[targets] += values[0]
+        servos.heat_reference[targets] = self._usual
+        if len(values) > 1:
+            servos.heat_time[targets] = values[1]
 
 
 class SupplySag(Effect):

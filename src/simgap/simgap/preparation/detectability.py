@@ -82,6 +82,7 @@ _TO_SEE = {
     "sensor_saturation": "move to the ends of the sensor's range",
     "servo_rate_limit": "command steps",
     "servo_torque_limit": "load the servo until it gives way",
+    "thermal_drift": "load the servo for a while",
     "supply_sag": "load all servos at once",
 }
 """Effect that does not show -> what would show it."""
@@ -123,7 +124,12 @@ def detectability(
         return []
     replayer, whole = found
     context = Context(
-        plant, measure_scales(replayer, nominal), options.groups, not aligned.enabled.all(), sways(replayer.supply)
+        plant,
+        measure_scales(replayer, nominal),
+        options.groups,
+        not aligned.enabled.all(),
+        sways(replayer.supply),
+        replayer.heat.measured,
     )
     effects = enumerate_effects(context)
     effects = _single(effects) if options.keep is None else [e for e in _first_forms(effects) if options.keep(e)]

@@ -1,4 +1,4 @@
-"""What servos and joints do that MuJoCo's elements do not: dead band, play, elastic drives, sag, friction by load."""
+"""What servos and joints do that MuJoCo's elements do not: dead band, play, elastic drives, heat, sag, friction."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ _CONTACT_STIFFNESS = 0.7
 """Stiffness of the flanks of a play, as a share of what one time step can carry: inertia / dt^2."""
 SHAPES = {
     "hard": "dead_band",
+    "heat_time": "heat_loss",
+    "heat_reference": "heat_loss",
     "ringing": "compliance",
     "sag_reference": "sag",
     "stribeck_velocity": "stribeck",
@@ -119,10 +121,11 @@ class ServoStep:
             armature[loose, self._dof[a]] -= self._armature[loose, j]
             damping[loose, self._dof[a]] = 0.0
 
-    def step(self, control: Array, supply: Array | None = None) -> tuple[Array, Array]:
+    def step(self, control: Array, supply: Array | None = None, left: Array | None = None) -> tuple[Array, Array]:
         """(control that has the wanted effect (n, nu), joint forces (n, nv)).
 
-        ``supply`` (n,): the measured voltage as a share of the usual.
+        ``supply`` (n,): the measured voltage as a share of the usual. ``left`` (n, nu): the share of its torque that
+        heat leaves each servo.
         """
         if self._first:
             self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
@@ -137,19 +140,21 @@ class ServoStep:
             outside = np.abs(error) > self._band
             answered = np.where(self._hard, error, error - np.sign(error) * self._band)
             control = np.where(self._band > 0, zero + np.where(outside, answered, 0.0), control)
-        if self._sag.any() or self._follows.any():
+        if left is not None or self._sag.any() or self._follows.any():
             asked = self._gain * control + self._bias[..., 0] + self._bias[..., 1] * length
             velocity = self._velocity.copy()
             at = self._at_joint
             velocity[:, at] = self._gear[:, at] * self._batch.qvel[:, self._dof[at]]
             asked += self._bias[..., 2] * velocity
             force = np.clip(asked, self._low, self._high)
+            if left is not None:
+                force *= left
             load = np.abs(force * self._gear).sum(axis=1, keepdims=True) / self._reference
             # What flows is what the reduced voltage still drives, of a servo at its limit as well.
-            left = 1.0 / (1.0 + self._sag * load)
+            remains = 1.0 / (1.0 + self._sag * load)
             if supply is not None:
-                left = left * (1.0 + self._follows * (supply[:, None] - 1.0))
-            lost = asked - force * left
+                remains = remains * (1.0 + self._follows * (supply[:, None] - 1.0))
+            lost = asked - force * remains
             control = control - np.where(self._gain == 0, 0.0, lost / np.where(self._gain == 0, 1.0, self._gain))
         if self._motors:
             self._turn_motors(control, extra)

@@ -22,6 +22,7 @@ from simgap.data.plant import Plant, euler_angles
 from simgap.data.supply import measured_supply
 from simgap.simulation.drive import Drive, Follow
 from simgap.simulation.extra_laws import LoadFriction, ServoStep, Switch, needs_friction_step, needs_past, needs_step
+from simgap.simulation.heat import Heat
 from simgap.simulation.signal_path import filtered, inverse_outputs, shape_inputs
 from simgap.simulation.state import MeasuredState, measured_state
 from simgap.simulation.variant import InputPath, OutputPath, Variant
@@ -90,6 +91,8 @@ class _Simulations:
     """(n, steps, nsensordata), filled as they run."""
     failed: NDArray[np.bool_]
     """Those that broke down so far."""
+    left: Array | None
+    """Share of its torque that heat leaves each servo, in the rows from the origin on (n, rows, nu)."""
 
 
 class Replayer:
@@ -123,6 +126,7 @@ class Replayer:
         self.state = self._measured(Variant.nominal(plant).outputs)
         self._always_on = bool(aligned.enabled.all())
         self.supply = measured_supply(aligned, plant.map)
+        self.heat = Heat(plant, aligned)
         self._start: Array | None = None
         if not self.state.complete(plant.model):
             self._start = self._observe()
@@ -251,7 +255,8 @@ class Replayer:
         states = np.array([rows[v].state for v in which])
         follow = Follow(prepared.states, states, drive.origin, batch, late_from=self._late_from)
         history = np.empty((len(which), self._steps, self.plant.model.nsensordata))
-        sims = _Simulations(batch, mine, pairs, drive, follow, history, np.zeros(len(which), bool))
+        left = self._left_by_heat(prepared, which, origin)
+        sims = _Simulations(batch, mine, pairs, drive, follow, history, np.zeros(len(which), bool), left)
         if way != _ROLLS:
             self._step_through(sims, way == _REMEMBERS or self._settles(batch), probe)
         else:
@@ -261,6 +266,19 @@ class Replayer:
         outputs = self._sample(history, mine)
         outputs[failed] = np.nan
         return outputs
+
+    def _left_by_heat(self, prepared: _Prepared, which: Ints, origin: Ints) -> Array | None:
+        """See `_Simulations`; None where no servo of these variants loses torque as it warms."""
+        found: Array | None = None
+        ahead = np.arange(int(self._steps * self._dt / self.aligned.period) + 1)
+        rows = np.minimum(origin[:, None] + ahead, len(self.aligned.time) - 1)
+        for v in np.unique(which):
+            row = prepared.rows[v]
+            share = self.heat.left(prepared.variants[v], prepared.inputs[row.inputs], prepared.states[row.state])
+            if share is not None:
+                found = np.ones((len(which), len(ahead), share.shape[1])) if found is None else found
+                found[which == v] = share[rows[which == v]]
+        return found
 
     def _roll_out(self, sims: _Simulations) -> None:
         """The free run in one call, for variants whose inputs do not depend on the state."""
@@ -311,10 +329,13 @@ class Replayer:
                 follow.apply(position, *((sims.pairs.shift, sims.pairs.rate_shift) if last else (None, None)))
             control, applied = drive.at(position)
             if servo.active:
-                supply = self.supply
+                supply, left = self.supply, None
+                row = np.minimum(drive.origin + int(position), len(self.aligned.time) - 1)
                 if supply is not None:
-                    supply = supply[np.minimum(drive.origin + int(position), len(supply) - 1)]
-                control, extra = servo.step(control, supply)
+                    supply = supply[row]
+                if sims.left is not None:
+                    left = sims.left[:, int(position)]
+                control, extra = servo.step(control, supply, left)
                 applied = applied + (extra if switch is None else extra * switch.on(position)[:, None])
             if switch is not None:
                 switch.at(position)

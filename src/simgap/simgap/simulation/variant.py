@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 
 SPRING_DAMPING = 0.05
 """Damping ratio of an elastic drive of which nothing is known: gears and belts have a few hundredths."""
+HEAT_TIME = 4.0
+"""[s] in which a small servo warms, where nothing is known of it: windings take seconds, and what is far slower than a
+recording looks the same in it, with another loss."""
 
 
 @dataclass
@@ -74,6 +77,14 @@ class ServoPath:
     """How far the drive between motor and joint gives: joint units per torque at the joint."""
     ringing: Array
     """Damping ratio of a drive that gives, against a motor that stands."""
+    heat_loss: Array
+    """Torque goes with 1 / (1 + heat_loss * heat); heat, from 0, follows (torque / heat_reference)^2 in heat_time."""
+    heat_time: Array
+    """[s]"""
+    heat_reference: Array
+    """In the unit of the actuator's force."""
+    temperature_loss: Array
+    """The same for each 10 K that a motor was measured to be warmer than at first."""
     sag: float = 0.0
     """Share of the torque that is lost when all servos together give ``sag_reference``."""
     sag_reference: float = 1.0
@@ -84,7 +95,9 @@ class ServoPath:
     def neutral(cls, plant: Plant) -> ServoPath:
         """Nothing happens."""
         nu = plant.model.nu
-        return cls(np.zeros(nu), np.zeros(nu, bool), np.zeros(nu), np.zeros(nu), np.full(nu, SPRING_DAMPING))
+        zero, one = np.zeros((5, nu)), np.ones((2, nu))
+        hard, ringing = np.zeros(nu, bool), np.full(nu, SPRING_DAMPING)
+        return cls(zero[0], hard, zero[1], zero[2], ringing, zero[3], HEAT_TIME * one[0], one[1], zero[4])
 
 
 @dataclass
