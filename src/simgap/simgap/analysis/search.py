@@ -13,6 +13,7 @@ from simgap.analysis.borders import Border, borders, hints
 from simgap.analysis.comparison import Comparison, compare
 from simgap.analysis.input_checks import check_map, check_replay
 from simgap.analysis.options import Options
+from simgap.analysis.ripples import waves
 from simgap.analysis.stages import Checked, leading, located
 from simgap.analysis.torque_balance import Balance
 from simgap.data.align import Aligned, align
@@ -111,13 +112,13 @@ def search(
         nominal, nuisances = Variant.nominal(plant), nuisances_of(plant)
         replayer = replay(nominal, floor)
     windows = replayer.windows
-    context = Context(
-        plant, measure_scales(replayer, nominal), options.groups, not aligned.enabled.all(), sways(replayer.supply)
-    )
+    replayed, scales = replayer.run([nominal])[0], measure_scales(replayer, nominal)
+    rippling = waves(replayer, replayed, scales)
+    context = Context(plant, scales, options.groups, not aligned.enabled.all(), sways(replayer.supply), rippling)
     effects = enumerate_effects(context, options.extra_effects, options.only)
     if options.keep is not None:
         effects = [effect for effect in effects if options.keep(effect)]
-    check_replay(plant, aligned.outputs[windows.rows()], replayer.run([nominal])[0])
+    check_replay(plant, aligned.outputs[windows.rows()], replayed)
     residuals = Residuals.build(replayer, nominal)
     fitter = Fitter(residuals, nuisances, nominal)
     before = None

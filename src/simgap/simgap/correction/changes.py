@@ -319,6 +319,11 @@ def _robot_signals(plant: Plant, variant: Variant) -> Iterator[Signal]:
             yield Signal("joint", name, "stribeck_speed", speed, "rad/s" if hinge else "m/s")
         if friction.load[dof]:
             yield Signal("joint", name, "load_friction", float(friction.load[dof]), "1")
+        if friction.ripple[dof]:
+            angle = "rad" if hinge else "m"
+            yield Signal("joint", name, "ripple", float(friction.ripple[dof]), "N m" if hinge else "N")
+            yield Signal("joint", name, "ripple_period", float(friction.ripple_period[dof]), angle)
+            yield Signal("joint", name, "ripple_origin", float(friction.ripple_origin[dof]), angle)
     outputs = variant.outputs
     for i, channel in enumerate(plant.outputs):
         for quantity, values, neutral, unit in (

@@ -83,6 +83,7 @@ _TO_SEE = {
     "servo_rate_limit": "command steps",
     "servo_torque_limit": "load the servo until it gives way",
     "supply_sag": "load all servos at once",
+    "torque_ripple": "turn slowly through most of the range",
 }
 """Effect that does not show -> what would show it."""
 
