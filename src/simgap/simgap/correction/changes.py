@@ -320,10 +320,12 @@ def _robot_signals(plant: Plant, variant: Variant) -> Iterator[Signal]:
         if friction.load[dof]:
             yield Signal("joint", name, "load_friction", float(friction.load[dof]), "1")
         if friction.ripple[dof]:
-            angle = "rad" if hinge else "m"
             yield Signal("joint", name, "ripple", float(friction.ripple[dof]), "N m" if hinge else "N")
-            yield Signal("joint", name, "ripple_period", float(friction.ripple_period[dof]), angle)
-            yield Signal("joint", name, "ripple_origin", float(friction.ripple_origin[dof]), angle)
+            for quantity, along in (
+                ("ripple_period", friction.ripple_period),
+                ("ripple_origin", friction.ripple_origin),
+            ):
+                yield Signal("joint", name, quantity, float(along[dof]), "rad" if hinge else "m")
     outputs = variant.outputs
     for i, channel in enumerate(plant.outputs):
         for quantity, values, neutral, unit in (
