@@ -33,7 +33,7 @@ NAMES = {
     *("joint_damping", "joint_rest_angle", "joint_range", "mass", "com_shift", "inertia", "ground_friction"),
     *("ground_slope", "foot_compliance", "sensor_bias", "sensor_scale", "sensor_delay", "sensor_misalignment"),
     *("sensor_saturation", "link_latency", "link_jitter", "link_loss", "clock_offset", "gravity_lean"),
-    *("joint_elasticity", "thermal_drift"),
+    *("joint_elasticity", "thermal_drift", "torque_ripple"),
 }
 
 

@@ -114,6 +114,22 @@ def test_a_filtered_report_is_told_from_a_late_one(exact: None) -> None:
     assert left < 0.7 * best
 
 
+def test_a_ripple_with_a_weaker_second_wave_is_nearly_the_librarys(exact: None) -> None:
+    case = _case("arm", "torque_ripple")
+    fitter, effects, _ = _replayed(case)
+    (fault,) = case.faults
+    (effect,) = (e for e in effects if (e.name, e.site.name) == ("torque_ripple", fault.site))
+    amplitude, period = fault.parameters["amplitude"], fault.parameters["period"]
+    without = _typical(fitter, Hypothesis(), [])
+    middle = effect.parameters[2].neutral
+    left = [
+        _typical(fitter, Hypothesis((effect,)), [amplitude, period, middle + share * period])
+        for share in np.arange(-0.5, 0.5, 0.1)
+    ]
+    assert min(left) - 1.0 < 0.3 * (without - 1.0)
+    assert max(left) > without
+
+
 def test_a_sagging_supply_weakens_servos_at_their_limit_too(exact: None) -> None:
     """Both servos of the arm saturate in this recording."""
     case = _case("arm", "supply_sag", level=2)

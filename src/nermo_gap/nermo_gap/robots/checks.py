@@ -25,6 +25,7 @@ CHECKS = {
     "its screws, look for cracks",
     "thermal_drift": "feel the servos of the {where}; let them cool for ten minutes and record again: a gap that "
     "is back only after a while is heat; look for what they work against all the time",
+    "torque_ripple": "without power, turn the {where} slowly by hand: feel for steps; look at the teeth of its gear",
     "coulomb_friction": "without power, turn the {where} by hand: it sticks; free its cable guide",
     "viscous_friction": "without power, swing the {where} by hand: it is damped; look at its grease",
     "joint_stiffness": "bend the {where} with a spring scale: it should be {share} {softer} than its drawing says; "

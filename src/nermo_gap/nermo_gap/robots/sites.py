@@ -98,6 +98,9 @@ def worth_a_look(plant: Plant) -> Callable[[Effect], bool]:
             return site in printed | hips
         if name == "joint_elasticity":
             return site in shafts
+        if name == "torque_ripple":
+            # Every place to look costs replays of a walk, and the servo's loop holds its shaft against its teeth.
+            return False
         if name == "coulomb_friction":
             return site in shafts | printed
         if name in ("stribeck_friction", "load_friction", "armature"):

@@ -13,6 +13,7 @@ from simgap.analysis.borders import Border, borders, hints
 from simgap.analysis.comparison import Comparison, compare
 from simgap.analysis.input_checks import check_map, check_replay
 from simgap.analysis.options import Options
+from simgap.analysis.ripples import waves
 from simgap.analysis.stages import Checked, leading, located
 from simgap.analysis.torque_balance import Balance
 from simgap.data.align import Aligned, align
@@ -111,18 +112,20 @@ def search(
         nominal, nuisances = Variant.nominal(plant), nuisances_of(plant)
         replayer = replay(nominal, floor)
     windows = replayer.windows
+    replayed, scales = replayer.run([nominal])[0], measure_scales(replayer, nominal)
     context = Context(
         plant,
-        measure_scales(replayer, nominal),
+        scales,
         options.groups,
-        not aligned.enabled.all(),
-        sways(replayer.supply),
-        replayer.heat.measured,
+        switched=not aligned.enabled.all(),
+        swaying=sways(replayer.supply),
+        warming=replayer.heat.measured,
+        waves=waves(replayer, replayed, scales),
     )
     effects = enumerate_effects(context, options.extra_effects, options.only)
     if options.keep is not None:
         effects = [effect for effect in effects if options.keep(effect)]
-    check_replay(plant, aligned.outputs[windows.rows()], replayer.run([nominal])[0])
+    check_replay(plant, aligned.outputs[windows.rows()], replayed)
     residuals = Residuals.build(replayer, nominal)
     fitter = Fitter(residuals, nuisances, nominal)
     before = None

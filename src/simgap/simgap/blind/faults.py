@@ -133,6 +133,26 @@ def _load(truth: Truth, scale: Scale, joint: str, size: float) -> Values:
     return {"coefficient": size}
 
 
+def _by_chance(scale: Scale, joint: str) -> np.random.Generator:
+    """The same for a joint of one recording."""
+    return np.random.default_rng(round(1e6 * abs(scale.high[joint] - scale.low[joint])))
+
+
+def _ripple(truth: Truth, scale: Scale, joint: str, size: float) -> Values:
+    """Cogging: a wave over the joint's angle with a weaker one of twice as many periods."""
+    level, dof, places = size * scale.torque[joint], truth.dof(joint), truth.addresses(joint)
+    rng = _by_chance(scale, joint)
+    period = float(rng.uniform(0.1, 0.35)) * (scale.high[joint] - scale.low[joint])
+    wave, (first, second) = 2 * np.pi / period, rng.uniform(0.0, 2 * np.pi, 2)
+
+    def force(data: mujoco.MjData) -> None:
+        q = sum(data.qpos[p] for p in places)
+        data.qfrc_applied[dof] += level * (np.sin(wave * q + first) + 0.2 * np.sin(2.0 * wave * q + second))
+
+    truth.forces.append(force)
+    return {"amplitude": level, "period": period}
+
+
 def _armature(truth: Truth, scale: Scale, joint: str, size: float) -> Values:
     extra = size * scale.inertia[joint]
     truth.model.dof_armature[truth.dof(joint)] += extra
@@ -456,6 +476,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("viscous_friction", "unsprung", (0.15, 0.35, 0.8), _viscous),
     Fault("stribeck_friction", "joint", (0.1, 0.25, 0.5), _stribeck),
     Fault("load_friction", "driven", (0.12, 0.25, 0.45), _load),
+    Fault("torque_ripple", "geared", (0.2, 0.4, 0.9), _ripple),
     Fault("armature", "joint", (0.25, 0.6, 1.5), _armature),
     Fault("joint_stiffness", "joint", (0.2, 0.5, 1.2), _spring),
     Fault("joint_stiffness", "sprung", (0.25, 0.45, 0.75), _fatigue),
@@ -498,12 +519,17 @@ FAULTS: tuple[Fault, ...] = (
 """Names are those of the diagnosis's contract; mechanisms and laws are not its own."""
 
 
-def _cogging(truth: Truth, scale: Scale, joint: str, size: float) -> Values:
-    level, dof, places = size * scale.torque[joint], truth.dof(joint), truth.addresses(joint)
-    wave = 2 * np.pi / (0.18 * (scale.high[joint] - scale.low[joint]))
+def _tight_spot(truth: Truth, scale: Scale, joint: str, size: float) -> Values:
+    """A bent shaft, a damaged tooth: dry friction that is six times as large in a part of the joint's range."""
+    most, dof, places = size * scale.torque[joint], truth.dof(joint), truth.addresses(joint)
+    swing = scale.high[joint] - scale.low[joint]
+    spot = scale.low[joint] + float(_by_chance(scale, joint).uniform(0.3, 0.7)) * swing
+    slope = _slope(truth, dof, most, scale.speed[joint])
 
     def force(data: mujoco.MjData) -> None:
-        data.qfrc_applied[dof] += level * np.sin(wave * sum(data.qpos[p] for p in places))
+        away = (sum(data.qpos[p] for p in places) - spot) / (0.12 * swing)
+        level = most * (1.0 + 5.0 * float(np.exp(-(away**4)))) / 6.0
+        data.qfrc_applied[dof] -= level * np.tanh(slope * data.qvel[dof] / level)
 
     truth.forces.append(force)
     return {}
@@ -603,7 +629,7 @@ def _sticky(truth: Truth, scale: Scale, column: str, size: float) -> Values:
 
 
 UNKNOWN: tuple[Fault, ...] = (
-    Fault("cogging", "joint", (0.2, 0.4, 0.9), _cogging, known=False),
+    Fault("tight_spot", "joint", (0.4, 0.8, 1.6), _tight_spot, known=False),
     Fault("periodic_push", "joint", (0.15, 0.35, 0.8), _push, known=False),
     Fault("cubic_drag", "joint", (0.15, 0.35, 0.7), _drag, known=False),
     Fault("odd_spring", "joint", (0.15, 0.35, 0.8), _one_sided, known=False),

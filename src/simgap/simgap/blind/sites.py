@@ -34,7 +34,7 @@ class Site:
 
 
 def sites(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[Site]]:
-    """Sites of each kind: joint, driven, sprung, elastic, body, actuator, servo, play, cable, foot, ground..."""
+    """Sites of each kind: joint, driven, geared, sprung, elastic, body, actuator, servo, play, cable, foot..."""
     scalar = [j for j in range(model.njnt) if int(model.jnt_type[j]) in _SCALAR]
     told = {row.get("actuator") for row in mapping["inputs"]}
     actuators = [a for a in range(model.nu) if model.actuator(a).name in told]
@@ -64,6 +64,7 @@ def sites(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[Site
     found = {
         "joint": _grouped([of("joint", j) for j in scalar]),
         "driven": _grouped([of("joint", j) for j in driven]),
+        "geared": [of("joint", j) for j in driven],
         # What damps a joint with a spring is called its damping, and is the same.
         "unsprung": _grouped([of("joint", j) for j in scalar if model.jnt_stiffness[j] == 0]),
         "sprung": [of("joint", j) for j in scalar if model.jnt_stiffness[j] > 0],

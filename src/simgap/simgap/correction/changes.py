@@ -325,6 +325,13 @@ def _robot_signals(plant: Plant, variant: Variant) -> Iterator[Signal]:
             yield Signal("joint", name, "stribeck_speed", speed, "rad/s" if hinge else "m/s")
         if friction.load[dof]:
             yield Signal("joint", name, "load_friction", float(friction.load[dof]), "1")
+        if friction.ripple[dof]:
+            yield Signal("joint", name, "ripple", float(friction.ripple[dof]), "N m" if hinge else "N")
+            for quantity, along in (
+                ("ripple_period", friction.ripple_period),
+                ("ripple_origin", friction.ripple_origin),
+            ):
+                yield Signal("joint", name, quantity, float(along[dof]), "rad" if hinge else "m")
     outputs = variant.outputs
     for i, channel in enumerate(plant.outputs):
         for quantity, values, neutral, unit in (

@@ -38,7 +38,9 @@ class Signals:
       ``sag`` (all servos lose torque by 1 / (1 + sag * load), load 1 at ``sag_reference``), ``follows_voltage`` (torque
       goes with a voltage that was measured: a simulation has none, so it does nothing here);
     - ``joint``: ``stribeck`` (friction near standstill beyond the model's) with ``stribeck_speed``,
-      ``load_friction`` (share of the transmitted torque);
+      ``load_friction`` (share of the transmitted torque), ``ripple`` (a torque that goes to and fro with the joint's
+      position, once in ``ripple_period``, and rises through zero at ``ripple_origin``; ``data.qfrc_applied`` of such a
+      joint is set by this class);
     - ``sensor``: ``scale``, ``bias``, ``delay`` [s], ``lag`` [s] (a filter of first order), ``limit``.
     """
 
@@ -67,7 +69,7 @@ class Signals:
         self._heat = np.zeros(n)
 
     def step(self, data: mujoco.MjData, command: Sequence[float] | Array) -> None:
-        """Set ``data.ctrl``, and the joints' friction, for the coming `mj_step`."""
+        """Set ``data.ctrl``, and the joints' friction and ripple, for the coming `mj_step`."""
         model = self._model
         control = np.array([self._arrived(a, float(u), data.time) for a, u in enumerate(command)])
         limited = model.actuator_ctrllimited.astype(bool)
@@ -210,3 +212,7 @@ class Signals:
                 near = of.get("stribeck", 0.0) * np.exp(-((data.qvel[dof] / slow) ** 2))
                 load = of.get("load_friction", 0.0) * abs(data.qfrc_actuator[dof])
                 self._model.dof_frictionloss[dof] = max(self._friction[dof] + near + load, 0.0)
+                if "ripple" in of:
+                    turned = data.qpos[self._model.jnt_qposadr[joint]] - of.get("ripple_origin", 0.0)
+                    wave = np.sin(2.0 * np.pi * turned / of.get("ripple_period", 1.0))
+                    data.qfrc_applied[dof] = of["ripple"] * wave

@@ -217,6 +217,9 @@ SIGNALS = {
         "stribeck": Way("stribeck"),
         "stribeck_speed": Way("stribeck_velocity", 0.0, open=True),
         "load_friction": Way("load", 0.0),
+        "ripple": Way("ripple"),
+        "ripple_period": Way("ripple_period", 0.0, open=True),
+        "ripple_origin": Way("ripple_origin"),
     },
     "sensor": {
         "scale": Way("scale"),

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import mujoco
 import numpy as np
@@ -77,6 +77,14 @@ class Site:
     targets: tuple[int, ...]
 
 
+class Wave(NamedTuple):
+    """A torque that goes to and fro with a joint's position, see `simgap.effects.joint.TorqueRipple`; in SI."""
+
+    amplitude: float
+    period: float
+    origin: float
+
+
 @dataclass
 class Context:
     """What effects may look at when they are laid out for a recording."""
@@ -90,6 +98,9 @@ class Context:
     """Whether the supply's voltage was measured, and is not always the same."""
     warming: frozenset[int] = frozenset()
     """Actuators whose motor's temperature was measured, and is not always the same."""
+    waves: dict[int, tuple[Wave, ...]] | None = None
+    """What the recording suggests of each measured joint of which ripples are sought, most likely first; None where
+    nothing was recorded yet."""
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -198,9 +209,13 @@ class Effect(ABC):
         """Whether its parameters grow together: one number, or the same one of several parts."""
         return len(self.parameters) == 1
 
+    def moved(self, share: float, values: Sequence[float] | NDArray[np.float64]) -> tuple[float, ...]:
+        """The same so many times as strong, within bounds or not: values so many times as far from neutral."""
+        return tuple(p.at(share * p.away(float(v))) for p, v in zip(self.parameters, values, strict=True))
+
     def times(self, share: float, values: Sequence[float] | NDArray[np.float64]) -> tuple[float, ...] | None:
         """Values so many times as far from neutral; None outside their bounds."""
-        moved = tuple(p.at(share * p.away(float(v))) for p, v in zip(self.parameters, values, strict=True))
+        moved = self.moved(share, values)
         inside = all(p.low <= v <= p.high for p, v in zip(self.parameters, moved, strict=True))
         return moved if inside else None
 

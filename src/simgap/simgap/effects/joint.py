@@ -7,12 +7,15 @@ from functools import partial
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
+from simgap.data.plant import Plant
 from simgap.effects.base import (
     ByPart,
     Context,
     Effect,
     Parameter,
+    Wave,
     amount,
     by_joint,
     dof_of,
@@ -28,6 +31,8 @@ Obj = mujoco.mjtObj
 _HARD = 250.0, 1.0
 """A stop is hard (how fast it rings [rad/s]; MuJoCo's default of 50 lets a small range pass), and does not bounce (its
 damping ratio)."""
+LEAST_OF_SWING, MOST_OF_SWING = 0.02, 0.5
+"""Periods of a ripple, as shares of the joint's motion in the recording."""
 
 
 def _sprung(model: mujoco.MjModel) -> list[int]:
@@ -188,3 +193,73 @@ def _give(context: Context, drives: dict[int, list[int]], joints: Sequence[int])
     angle, force = joint_units(model, joints[0])
     told = swing(context, [drives[j][0] for j in joints])
     return amount("compliance", f"{angle}/({force})", 0.1 * told / torque, (0.15, 0.5, 1.5, 5.0))
+
+
+class TorqueRipple(Effect):
+    """The motor's torque ripples with the joint's angle: cogging of magnets, teeth of a gear.
+
+    Added torque = amplitude * sin(2 pi (q - origin) / period), whether the motor has power or not. Periods of which the
+    motion holds fewer than `MOST_OF_SWING` says are a spring's or gravity's affair. A joint whose ripple is
+    known already (of a corrected model) has no other.
+    """
+
+    name = "torque_ripple"
+
+    @classmethod
+    def candidates(cls, context: Context) -> Iterable[Effect]:
+        scales, model = context.scales, context.model
+        known = Variant.nominal(context.plant).friction.ripple
+        for site in named_sites(context, Obj.mjOBJ_JOINT, driven_joints(context.plant), together=False):
+            (j,) = site.targets
+            dof = dof_of(model, j)
+            if known[dof]:
+                continue
+            low, high = float(scales.low[dof]), float(scales.high[dof])
+            if high - low < 1e-9:
+                continue
+            usual = tuple(Wave(0.0, k * (high - low), 0.5 * (low + high)) for k in (0.2, 0.1, 0.3))
+            found = usual if context.waves is None else context.waves.get(j, ())
+            if not found:
+                continue
+            angle, force = joint_units(model, j)
+            size = amount("amplitude", force, 0.2 * max(float(scales.torque[dof]), 1e-9))
+            shortest, longest = LEAST_OF_SWING * (high - low), MOST_OF_SWING * (high - low)
+            period, origin = found[0].period, found[0].origin
+            effect = cls(
+                site,
+                (
+                    size,
+                    Parameter("period", angle, period, shortest, longest, (shortest, longest), 0.03, True),
+                    Parameter("origin", angle, origin, low, high, (low, high), 0.02 * (high - low)),
+                ),
+            )
+            effect._waves = tuple(wave._replace(amplitude=min(wave.amplitude, 0.9 * size.high)) for wave in found)
+            yield effect
+
+    _waves: tuple[Wave, ...] = ()
+
+    def starts(self) -> list[tuple[float, ...]]:
+        """What the recording suggests; amplitudes of a usual size where it suggests none."""
+        size = self.parameters[0]
+        return [(wave.amplitude or size.tries[1], wave.period, wave.origin) for wave in self._waves]
+
+    def moved(self, share: float, values: Sequence[float] | NDArray[np.float64]) -> tuple[float, ...]:
+        """Period and origin say of which kind it is, not how strong."""
+        amplitude, period, origin = map(float, values)
+        return share * amplitude, period, origin
+
+    def apply(self, variant: Variant, values: Sequence[float]) -> None:
+        dof = dof_of(variant.plant.model, self.site.targets[0])
+        path = variant.friction
+        path.ripple[dof], path.ripple_period[dof], path.ripple_origin[dof] = values
+
+
+def driven_joints(plant: Plant) -> list[int]:
+    """Hinges and slides that an input moves by itself."""
+    model, found = plant.model, set()
+    for channel in plant.inputs:
+        if channel.actuator < 0:
+            found.add(int(model.dof_jntid[channel.dof]))
+        elif model.actuator_trntype[channel.actuator] == mujoco.mjtTrn.mjTRN_JOINT:
+            found.add(int(model.actuator_trnid[channel.actuator, 0]))
+    return sorted(found & set(scalar_joints(model)))

@@ -203,7 +203,7 @@ def _ranked(
             else:
                 share, z, cost = quick.promise(response, -1.0 if both and _reversible(effect, x) else 0.0)
             reach = float(np.copysign(np.clip(abs(share), 0.15, _FARTHEST), share))
-            start = np.array([p.at(reach * p.away(v)) for p, v in zip(effect.parameters, x.tolist(), strict=True)])
+            start = np.array(effect.moved(reach, x))
             if id(effect) not in best or cost < best[id(effect)].cost:
                 farthest = abs(share) > 0.99 * _FARTHEST
                 best[id(effect)] = Screened(effect, start, z, cost, project(response), farthest)

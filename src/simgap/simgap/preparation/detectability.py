@@ -84,6 +84,7 @@ _TO_SEE = {
     "servo_torque_limit": "load the servo until it gives way",
     "thermal_drift": "load the servo for a while",
     "supply_sag": "load all servos at once",
+    "torque_ripple": "turn slowly through most of the range",
 }
 """Effect that does not show -> what would show it."""
 

@@ -26,7 +26,7 @@ _SITES = {
     "inertia": mujoco.mjtObj.mjOBJ_BODY,
     "ground": mujoco.mjtObj.mjOBJ_GEOM,
     "foot": mujoco.mjtObj.mjOBJ_GEOM,
-} | dict.fromkeys(("coulomb", "viscous", "stribeck", "load", "armature", "joint"), mujoco.mjtObj.mjOBJ_JOINT)
+} | dict.fromkeys(("coulomb", "viscous", "stribeck", "load", "torque", "armature", "joint"), mujoco.mjtObj.mjOBJ_JOINT)
 """First word of an effect's name: what its sites are."""
 
 

@@ -1,4 +1,6 @@
-"""What servos and joints do that MuJoCo's elements do not: dead band, play, elastic drives, heat, sag, friction."""
+"""What servos and joints do that MuJoCo's elements do not: dead band, play, elastic drives, heat, sag, friction by
+load, torque that ripples.
+"""
 
 from __future__ import annotations
 
@@ -26,6 +28,8 @@ SHAPES = {
     "ringing": "compliance",
     "sag_reference": "sag",
     "stribeck_velocity": "stribeck",
+    "ripple_period": "ripple",
+    "ripple_origin": "ripple",
 }
 """Fields of the paths that do nothing by themselves, and the field whose law each of them shapes."""
 _PAST = ("backlash", "compliance")
@@ -41,7 +45,7 @@ def needs_servo_step(variant: Variant) -> bool:
 
 
 def needs_friction_step(variant: Variant) -> bool:
-    """Whether some friction changes from step to step: a field of its path that is not zero."""
+    """Whether some friction changes from step to step, or torque ripples: a field of their path that is not zero."""
     return any(np.any(getattr(variant.friction, name)) for name in _FRICTION_LAWS)
 
 
@@ -244,4 +248,23 @@ class LoadFriction:
         """Friction loss (n, nv) at joint velocities (n, nv) under transmitted forces (n, nv)."""
         fading = self._stribeck * np.exp(-((velocity / self._slow) ** 2))
         result: Array = np.maximum(loss + fading + self._load * np.abs(force), 0.0)
+        return result
+
+
+class Ripple:
+    """Torque of all simulations that goes to and fro with joints' positions; ``variants`` gives the variant of each."""
+
+    def __init__(self, plant: Plant, variants: Sequence[Variant]) -> None:
+        paths, model = [v.friction for v in variants], plant.model
+        self.dofs = np.flatnonzero(np.any([p.ripple != 0.0 for p in paths], axis=0))
+        """Degrees of freedom (k,) at which some simulation has one."""
+        self._coordinates = model.jnt_qposadr[model.dof_jntid[self.dofs]]
+        self._size = np.stack([p.ripple[self.dofs] for p in paths])
+        self._period = np.stack([p.ripple_period[self.dofs] for p in paths])
+        self._origin = np.stack([p.ripple_origin[self.dofs] for p in paths])
+
+    def at(self, position: Array) -> Array:
+        """Torques (n, k) at the coordinates (n, nq)."""
+        turned = (position[:, self._coordinates] - self._origin) / self._period
+        result: Array = self._size * np.sin(2.0 * np.pi * turned)
         return result

@@ -21,7 +21,15 @@ from simgap.data.align import Aligned
 from simgap.data.plant import Plant, euler_angles
 from simgap.data.supply import measured_supply
 from simgap.simulation.drive import Drive, Follow
-from simgap.simulation.extra_laws import LoadFriction, ServoStep, Switch, needs_friction_step, needs_past, needs_step
+from simgap.simulation.extra_laws import (
+    LoadFriction,
+    Ripple,
+    ServoStep,
+    Switch,
+    needs_friction_step,
+    needs_past,
+    needs_step,
+)
 from simgap.simulation.heat import Heat
 from simgap.simulation.signal_path import filtered, inverse_outputs, shape_inputs
 from simgap.simulation.state import MeasuredState, measured_state
@@ -314,6 +322,7 @@ class Replayer:
         servo = ServoStep(self.plant, mine, self._dt)
         friction = any(needs_friction_step(v) for v in mine)
         law = LoadFriction(mine) if friction else None
+        ripple = Ripple(self.plant, mine) if friction else None
         loss = batch.expand("dof_frictionloss") if friction else None
         base_loss = None if loss is None else loss.copy()
         force = batch.bind("qfrc_actuator") if friction else None
@@ -343,6 +352,8 @@ class Replayer:
             batch.qfrc_applied[:] = applied
             if law is not None and loss is not None and base_loss is not None and force is not None:
                 loss[:] = law.at(base_loss, batch.qvel, force + applied)
+            if ripple is not None and len(ripple.dofs):
+                batch.qfrc_applied[:, ripple.dofs] += ripple.at(batch.qpos)
             _try(batch.step, sims.failed)
             history[:, k] = sensors
             if probe is not None and k > self._lead_steps:

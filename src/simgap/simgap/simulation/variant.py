@@ -102,20 +102,26 @@ class ServoPath:
 
 @dataclass
 class FrictionPath:
-    """Friction beyond Coulomb and viscous (which MuJoCo has), (nv,) each; neutral by default.
+    """Friction beyond Coulomb and viscous (which MuJoCo has), and ripple, (nv,) each; neutral by default.
 
     Friction loss = that of the model + stribeck * exp(-(v / stribeck_velocity)^2) + load * |transmitted force|.
+    Added torque = ripple * sin(2 pi (q - ripple_origin) / ripple_period).
     """
 
     stribeck: Array
     stribeck_velocity: Array
     load: Array
+    ripple: Array
+    ripple_period: Array
+    """In joint units."""
+    ripple_origin: Array
+    """Joint position at which the torque rises through zero."""
 
     @classmethod
     def neutral(cls, plant: Plant) -> FrictionPath:
         """Nothing happens."""
         nv = plant.model.nv
-        return cls(np.zeros(nv), np.ones(nv), np.zeros(nv))
+        return cls(np.zeros(nv), np.ones(nv), np.zeros(nv), np.zeros(nv), np.ones(nv), np.zeros(nv))
 
 
 @dataclass
