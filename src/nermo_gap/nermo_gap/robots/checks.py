@@ -23,6 +23,7 @@ CHECKS = {
     "servo_backlash": "hold the horn of the {where} and turn it to and fro by hand: feel for {angle} of play",
     "joint_elasticity": "hold the horn of the {where} with its servo on and press: it gives and springs back; tighten "
     "its screws, look for cracks",
+    "soft_mount": "press the stand of the {where} by hand: it gives; clamp it tighter, or put it on something stiffer",
     "coulomb_friction": "without power, turn the {where} by hand: it sticks; free its cable guide",
     "viscous_friction": "without power, swing the {where} by hand: it is damped; look at its grease",
     "joint_stiffness": "bend the {where} with a spring scale: it should be {share} {softer} than its drawing says; "

@@ -95,6 +95,9 @@ def worth_a_look(plant: Plant) -> Callable[[Effect], bool]:
             return site in printed | hips
         if name == "joint_elasticity":
             return site in shafts
+        if name == "soft_mount":
+            # A mouse on a bench is held by its stand, which has joints and a compliance of its own; else it walks.
+            return False
         if name == "coulomb_friction":
             return site in shafts | printed
         if name in ("stribeck_friction", "load_friction", "armature"):

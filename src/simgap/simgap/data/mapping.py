@@ -212,6 +212,11 @@ SIGNALS = {
         "stribeck_speed": Way("stribeck_velocity", 0.0, open=True),
         "load_friction": Way("load", 0.0),
     },
+    "mount": {
+        "compliance": Way("compliance", 0.0),
+        "ringing": Way("ringing", 0.0),
+        "inertia": Way("inertia", 0.0),
+    },
     "sensor": {
         "scale": Way("scale"),
         "bias": Way("bias"),
@@ -228,7 +233,7 @@ SIGNALS = {
 class SignalRow(_Row):
     """What is known of the way of a signal beyond the model, in SI: `simgap apply --map` writes such rows."""
 
-    where: Literal["command", "recording", "servo", "joint", "sensor"]
+    where: Literal["command", "recording", "servo", "joint", "mount", "sensor"]
     name: str
     quantity: str
     value: float = Field(allow_inf_nan=False)

@@ -21,6 +21,7 @@ from simgap.data.channels import (
 from simgap.data.errors import GapInputError
 from simgap.data.known import Known, known_signals
 from simgap.data.mapping import GainRow, Map
+from simgap.data.mounting import Mounting, fixed_bases, mounting
 from simgap.data.setup import AS_MODELLED, Setup, setups
 
 Array = NDArray[np.float64]
@@ -48,6 +49,8 @@ class Plant:
     """Which of them a run has, by its number; that of the model where it is not named."""
     known: tuple[Known, ...] = ()
     """What the map knows of the ways of signals; every variant begins there."""
+    mounting: Mounting | None = None
+    """The same model on mounts that can tilt, where it stands fixed."""
 
     def read(self, sensordata: Array) -> Array:
         """Output channels (..., no) from sensordata (..., nsensordata)."""
@@ -140,7 +143,9 @@ def build_plant(spec: mujoco.MjSpec, mapping: Map) -> Plant:
         if channel.actuator >= 0:
             model.actuator_ctrllimited[channel.actuator] = 0
     known = known_signals(model, inputs, outputs, mapping)
-    return Plant(model, inputs, outputs, mapping, warnings, frozenset(), frozenset(), *setups(model, mapping), known)
+    found = Plant(model, inputs, outputs, mapping, warnings, frozenset(), frozenset(), *setups(model, mapping), known)
+    found.mounting = mounting(spec) if fixed_bases(model) else None
+    return found
 
 
 def _compile(spec: mujoco.MjSpec, mapping: Map) -> mujoco.MjModel:
