@@ -202,3 +202,20 @@ def test_a_mount_that_gives_nothing_is_the_plain_model_to_the_last_bit() -> None
     outputs = replayer.run([nominal, same, firm])
     np.testing.assert_array_equal(outputs[1], outputs[0])
     np.testing.assert_allclose(outputs[2], outputs[0], atol=1e-6)
+
+
+def test_other_laws_act_on_a_mount_as_they_do_without() -> None:
+    stand = Stand("arm", 6.0)
+    replayer = _replayer(stand.plant, stand.record(9.0), 0.6)
+    nominal = Variant.nominal(stand.plant)
+    made = [nominal.copy() for _ in range(4)]
+    made[0].servos.backlash[0], made[1].servos.compliance[1] = 0.05, 0.01
+    made[2].friction.stribeck[:], made[2].friction.stribeck_velocity[:] = 0.2, 0.5
+    made[3].inputs.delay[:], made[3].model.dof_damping[:] = 0.03, 0.4
+    firm = [variant.copy() for variant in made]
+    for variant in firm:
+        variant.mounts.compliance[stand.body] = 1e-9
+    plain, mounted = (replayer.run(variants) for variants in (made, firm))
+    moved = np.abs(plain - replayer.run([nominal])).max(axis=(1, 2, 3))
+    assert (moved > 3e-3).all()
+    assert (np.abs(mounted - plain).max(axis=(1, 2, 3)) < 0.02 * moved).all()

@@ -245,7 +245,8 @@ class Truths:
 
     def _between(self, faults: Sequence[Injected]) -> dict[str, Any]:
         """What faults put between motors and links, by joint."""
-        model, scale, soft = self._healthy_truth.model, self._scale(), {}
+        model, scale = self._healthy_truth.model, self._scale()
+        soft: dict[str, Any] = {}
         for injected in faults:
             if injected.name == "soft_mount":
                 soft[injected.members[0]] = stand_of(scale, injected.size)

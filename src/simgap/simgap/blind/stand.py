@@ -33,7 +33,7 @@ def on_stand(spec: mujoco.MjSpec, body: str, stand: Stand) -> mujoco.MjSpec:
     mujoco.mj_forward(model, data)
     base = model.body(body).id
     inertia = float(np.linalg.norm(data.subtree_com[base] - data.xpos[base]) ** 2 * model.body_subtreemass[base])
-    inertia += float(np.mean([model.body_inertia[b].max() for b in _carried(model, base)])) * len(_carried(model, base))
+    inertia += sum(float(model.body_inertia[b].max()) for b in range(1, model.nbody) if model.body_rootid[b] == base)
     tree = ElementTree.fromstring(spec.to_xml())
     world = tree.find("worldbody")
     assert world is not None
@@ -45,16 +45,12 @@ def on_stand(spec: mujoco.MjSpec, body: str, stand: Stand) -> mujoco.MjSpec:
         stiffness = share * stand.stiffness
         damping = 2.0 * _RATIO * np.sqrt(stiffness * (1.0 + _OWN) * inertia)
         told = {"stiffness": stiffness, "damping": float(damping), "armature": _OWN * inertia}
-        words = {k: repr(v) for k, v in told.items()}
-        ElementTree.SubElement(stand_, "joint", name=f"{STAND}_{name}", type="hinge", axis=axis, **words)
+        words = {"name": f"{STAND}_{name}", "type": "hinge", "axis": axis}
+        ElementTree.SubElement(stand_, "joint", words | {k: repr(v) for k, v in told.items()})
     ElementTree.SubElement(stand_, "inertial", pos="0 0 0", mass="1e-6", diaginertia="1e-9 1e-9 1e-9")
     stand_.append(robot)
     world[at] = stand_
     return mujoco.MjSpec.from_string(ElementTree.tostring(tree, encoding="unicode"))
-
-
-def _carried(model: mujoco.MjModel, base: int) -> list[int]:
-    return [b for b in range(1, model.nbody) if model.body_rootid[b] == base]
 
 
 def of_robot(model: mujoco.MjModel, kind: str) -> NDArray[np.bool_]:

@@ -47,7 +47,7 @@ def on_mounts(mounting: Mounting, variant: Variant) -> mujoco.MjModel:
     return made
 
 
-class MountedBatch(mjbatch.Batch):  # type: ignore[misc]
+class MountedBatch(mjbatch.Batch):
     """A batch whose fields have the rows of the plain model; how far mounts tilt, it knows alone."""
 
     def __init__(self, mounting: Mounting, model: mujoco.MjModel, nsim: int, nthread: int) -> None:
