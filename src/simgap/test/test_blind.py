@@ -126,7 +126,7 @@ def test_a_stand_tilts_as_far_as_its_fault_says_and_a_stiff_one_not(robot: str) 
     base = sites(robot_of(robot).spec().compile(), robot_of(robot).mapping)["mounted"][0].name
     scale = _healthy(robot)[1]
     healthy = _truth(robot)
-    stiff, soft = (_run(_truth(robot, {base: Stand(k)}), robot) for k in (2e3, 20.0))
+    stiff, soft = (_run(_truth(robot, {base: Stand(k)}), robot) for k in (np.float64(2e3), 20.0))
     assert _shift(stiff, _healthy(robot)[0]) < 0.1 * _shift(soft, _healthy(robot)[0])
     truth = _truth(robot, {base: Stand(20.0)})
     compliance = next(f for f in FAULTS if f.name == "soft_mount").inject(truth, scale, base, 0.0)["compliance"]

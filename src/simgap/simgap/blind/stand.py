@@ -46,7 +46,7 @@ def on_stand(spec: mujoco.MjSpec, body: str, stand: Stand) -> mujoco.MjSpec:
         damping = 2.0 * _RATIO * np.sqrt(stiffness * (1.0 + _OWN) * inertia)
         told = {"stiffness": stiffness, "damping": float(damping), "armature": _OWN * inertia}
         words = {"name": f"{STAND}_{name}", "type": "hinge", "axis": axis}
-        ElementTree.SubElement(stand_, "joint", words | {k: repr(v) for k, v in told.items()})
+        ElementTree.SubElement(stand_, "joint", words | {k: repr(float(v)) for k, v in told.items()})
     ElementTree.SubElement(stand_, "inertial", pos="0 0 0", mass="1e-6", diaginertia="1e-9 1e-9 1e-9")
     stand_.append(robot)
     world[at] = stand_
