@@ -178,7 +178,7 @@ def test_what_stands_fixed_with_joints_on_it_can_tilt_and_nothing_else() -> None
     spec = mujoco.MjSpec.from_string(_GANTRY)
     model = spec.compile()
     assert [model.body(b).name for b in fixed_bases(model)] == ["foot"]
-    found = mounting(spec)
+    found = mounting(spec, model)
     assert found is not None and spec.compile().njnt == model.njnt
     names = [found.model.joint(int(j)).name for j in found.rows["jnt"]]
     assert names == [model.joint(j).name for j in range(model.njnt)]

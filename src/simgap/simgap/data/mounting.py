@@ -113,20 +113,22 @@ def fixed_bases(model: mujoco.MjModel) -> tuple[int, ...]:
     return tuple(found)
 
 
-def mounting(spec: mujoco.MjSpec) -> Mounting | None:
-    """The robots of a specification on mounts; None where none is fixed, or MuJoCo cannot say the same model so."""
-    spec = spec.copy()
+def mounting(spec: mujoco.MjSpec, plain: mujoco.MjModel) -> Mounting | None:
+    """The robots of a specification on mounts; None where none is fixed, or MuJoCo cannot say the same model so.
+
+    ``plain`` is what the specification compiles to.
+    """
+    bodies = fixed_bases(plain)
+    if not bodies:
+        return None
+    spec, plain = spec.copy(), copy.copy(plain)
     while spec.keys:
         spec.delete(spec.keys[0])
     try:
-        plain = spec.compile()
-        bodies = fixed_bases(plain)
         for body in bodies:
             _put_on_mount(spec, plain, body)
         model = spec.compile()
     except ValueError:
-        return None
-    if not bodies:
         return None
     tilt = np.array([model.body_dofadr[b] + np.arange(2) for b in bodies])
     own = {

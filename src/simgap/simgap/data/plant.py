@@ -21,7 +21,7 @@ from simgap.data.channels import (
 from simgap.data.errors import GapInputError
 from simgap.data.known import Known, known_signals
 from simgap.data.mapping import GainRow, Map
-from simgap.data.mounting import Mounting, fixed_bases, mounting
+from simgap.data.mounting import Mounting, mounting
 from simgap.data.setup import AS_MODELLED, Setup, setups
 
 Array = NDArray[np.float64]
@@ -125,6 +125,7 @@ def build_plant(spec: mujoco.MjSpec, mapping: Map) -> Plant:
         _close_loop(spec, base, name, row, mapping)
     sensors = [sensor_of(spec, base, row, f"{mapping.source}: outputs[{i}]") for i, row in enumerate(mapping.outputs)]
     model = _compile(spec, mapping)
+    on_mounts = mounting(spec, model)
     inputs = tuple(
         input_channel(model, row, f"{mapping.source}: inputs[{i}] ({row.column})", mapping)
         for i, row in enumerate(mapping.inputs)
@@ -144,7 +145,7 @@ def build_plant(spec: mujoco.MjSpec, mapping: Map) -> Plant:
             model.actuator_ctrllimited[channel.actuator] = 0
     known = known_signals(model, inputs, outputs, mapping)
     found = Plant(model, inputs, outputs, mapping, warnings, frozenset(), frozenset(), *setups(model, mapping), known)
-    found.mounting = mounting(spec) if fixed_bases(model) else None
+    found.mounting = on_mounts
     return found
 
 
