@@ -22,6 +22,7 @@ _SITES = {
     "friction": "a joint",
     "tendon": "a tendon",
     "joint": "a joint",
+    "mount": "the body by which a robot stands fixed",
     "body": "a body",
     "contact": "a geom, or the world",
     "sensor": "an output of the map",

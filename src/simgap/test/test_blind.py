@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from simgap.analysis.isolability import angle_matrix
 from simgap.blind.cases import SMALL, Case, draw, robot_of
 from simgap.blind.faults import FAULTS, UNKNOWN, Fault, Scale
+from simgap.blind.imitate import nominal_numbers
 from simgap.blind.make import BlindError, make
 from simgap.blind.recordings import simulate, told
 from simgap.blind.reliability import reliability, table
@@ -28,6 +29,7 @@ from simgap.blind.run import Plan, experiment_file, read_results, run
 from simgap.blind.score import confusion, judged, metrics, rate, score
 from simgap.blind.settle import settle
 from simgap.blind.sites import sites
+from simgap.blind.stand import Stand
 from simgap.blind.truth import PERIOD, Link, Run, Soft, Truth, build, record
 from simgap.effects.library import effect_classes
 
@@ -62,7 +64,7 @@ def test_every_fault_has_a_name_that_the_library_knows_and_the_unknown_ones_have
 # -- the truth ---------------------------------------------------------------------------------------------------------
 
 
-def _truth(robot: str = "arm", soft: dict[str, Soft] | None = None, spread: float = 0.0) -> Truth:
+def _truth(robot: str = "arm", soft: dict[str, Soft | Stand] | None = None, spread: float = 0.0) -> Truth:
     chosen = robot_of(robot)
     between = (spread and 0.05, spread)
     return build(chosen.spec(), chosen.mapping, np.random.default_rng(1), soft, between, chosen.start)
@@ -93,7 +95,7 @@ _ON = {"cable": "finger", "sprung": "finger", "foot": "leg", "axes": "camera"}
 
 @pytest.mark.parametrize(
     "fault",
-    [f for f in (*FAULTS, *UNKNOWN) if f.kind not in ("play", "elastic", "ground", "strap")],
+    [f for f in (*FAULTS, *UNKNOWN) if f.kind not in ("play", "flexing", "elastic", "mounted", "ground", "strap")],
     ids=lambda f: f"{f.name}-{f.kind}",
 )
 def test_every_fault_changes_the_recording_and_more_when_it_is_stronger(fault: Fault) -> None:
@@ -127,6 +129,44 @@ def test_a_play_joint_is_loose_by_its_width_and_a_flexing_link_hides() -> None:
     assert 0.03 < np.abs(loose.columns["q1"] - healthy.columns["q1"]).max() < 0.3
     stiff, soft = (_run(_truth(soft={"elbow": Soft(stiffness=k)})) for k in (5e3, 10.0))
     assert _shift(stiff, healthy) < 0.3 * _shift(soft, healthy)
+
+
+@pytest.mark.parametrize("robot", ["arm", "camera"])
+def test_a_stand_tilts_as_far_as_its_fault_says_and_a_stiff_one_not(robot: str) -> None:
+    base = sites(robot_of(robot).spec().compile(), robot_of(robot).mapping)["mounted"][0].name
+    scale = _healthy(robot)[1]
+    healthy = _truth(robot)
+    stiff, soft = (_run(_truth(robot, {base: Stand(k)}), robot) for k in (np.float64(2e3), 20.0))
+    assert _shift(stiff, _healthy(robot)[0]) < 0.1 * _shift(soft, _healthy(robot)[0])
+    truth = _truth(robot, {base: Stand(20.0)})
+    compliance = next(f for f in FAULTS if f.name == "soft_mount").inject(truth, scale, base, 0.0)["compliance"]
+    # Its joints held.
+    truth.model.dof_damping[:2] *= 10.0
+    truth.model.dof_damping[2:] = 1e5
+    data = mujoco.MjData(truth.model)
+    data.qpos[2:] = 0.3
+    mujoco.mj_step(truth.model, data, 4000)
+    lever = data.subtree_com[2] - data.xpos[1]
+    moment = np.cross(lever, truth.model.body_subtreemass[2] * truth.model.opt.gravity)
+    np.testing.assert_allclose(data.qpos[:2], compliance * moment[:2], rtol=0.2, atol=2e-4)
+    assert truth.model.nbody == healthy.model.nbody + 1
+    assert truth.kp.tolist() == healthy.kp.tolist(), "a stand changes no number of the robot's"
+
+
+def test_a_stand_is_no_number_that_a_healthy_robot_may_be_off_by() -> None:
+    plain, standing = _truth("camera"), _truth("camera", {"column": Stand(20.0)})
+    assert len(nominal_numbers(standing)) == len(nominal_numbers(plain))
+
+
+def test_a_link_that_flexes_like_a_stand_is_no_unknown_fault() -> None:
+    """Where its joint is the only one between the world and the robot, and tilts it."""
+    of = {name: [s.name for s in sites(r.spec().compile(), r.mapping)["flexing"]] for name, r in _ROBOTS.items()}
+    assert of == {"pendulum": [], "arm": ["elbow_servo"], "camera": ["pan_servo", "tilt_servo", "roll_servo"]}
+    mounted = {n: [s.name for s in sites(r.spec().compile(), r.mapping)["mounted"]] for n, r in _ROBOTS.items()}
+    assert mounted == {"pendulum": [], "arm": ["upper"], "camera": ["column"]}
+
+
+_ROBOTS = {name: robot_of(name) for name in ("pendulum", "arm", "camera")}
 
 
 def test_a_link_that_is_late_and_loses() -> None:

@@ -33,7 +33,7 @@ NAMES = {
     *("joint_damping", "joint_rest_angle", "joint_range", "mass", "com_shift", "inertia", "ground_friction"),
     *("ground_slope", "foot_compliance", "sensor_bias", "sensor_scale", "sensor_delay", "sensor_misalignment"),
     *("sensor_saturation", "link_latency", "link_jitter", "link_loss", "clock_offset", "gravity_lean"),
-    *("joint_elasticity", "thermal_drift", "torque_ripple"),
+    *("joint_elasticity", "soft_mount", "thermal_drift", "torque_ripple"),
 }
 
 
@@ -42,7 +42,7 @@ def _setup(name: str) -> tuple[Replayer, Variant, list[Effect]]:
     replayer = Replayer(plant, aligned, cut(aligned), floor, 1)
     nominal = Variant.nominal(plant)
     effects = enumerate_effects(Context(plant, measure_scales(replayer, nominal)))
-    forms = [a for e in effects for a in e.alternatives() if a.form in ("damped", "own time")]
+    forms = [a for e in effects for a in e.alternatives() if a.form in ("damped", "own time", "swaying")]
     return replayer, nominal, [*effects, *forms]
 
 

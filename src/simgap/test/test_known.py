@@ -74,7 +74,7 @@ def test_every_effect_is_there_again(name: str, tmp_path: Path) -> None:
     bench = Bench(name, tmp_path)
     share: dict[str, float] = {}
     effects = enumerate_effects(bench.context)
-    effects += [a for e in effects for a in e.alternatives() if a.form in ("damped", "own time")]
+    effects += [a for e in effects for a in e.alternatives() if a.form in ("damped", "own time", "swaying")]
     for effect in effects:
         for end in (0, -1) if name != "leg" else (-1,):
             variant = Variant.nominal(bench.plant)

@@ -81,6 +81,7 @@ def _typical(fitter: Fitter, hypothesis: Hypothesis, x: list[float]) -> float:
         ("arm", "servo_rate_limit"),
         ("arm", "joint_range"),
         ("arm", "joint_elasticity"),
+        ("arm", "soft_mount"),
         ("finger", "tendon_slack"),
         ("finger", "tendon_elasticity"),
     ],

@@ -26,6 +26,7 @@ CHECKS = {
     "thermal_drift": "feel the servos of the {where}; let them cool for ten minutes and record again: a gap that "
     "is back only after a while is heat; look for what they work against all the time",
     "torque_ripple": "without power, turn the {where} slowly by hand: feel for steps; look at the teeth of its gear",
+    "soft_mount": "press the stand of the {where} by hand: it gives; clamp it tighter, or put it on something stiffer",
     "coulomb_friction": "without power, turn the {where} by hand: it sticks; free its cable guide",
     "viscous_friction": "without power, swing the {where} by hand: it is damped; look at its grease",
     "joint_stiffness": "bend the {where} with a spring scale: it should be {share} {softer} than its drawing says; "

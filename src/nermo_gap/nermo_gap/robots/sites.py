@@ -101,6 +101,9 @@ def worth_a_look(plant: Plant) -> Callable[[Effect], bool]:
         if name == "torque_ripple":
             # Every place to look costs replays of a walk, and the servo's loop holds its shaft against its teeth.
             return False
+        if name == "soft_mount":
+            # A mouse on a bench is held by its stand, which has joints and a compliance of its own; else it walks.
+            return False
         if name == "coulomb_friction":
             return site in shafts | printed
         if name in ("stribeck_friction", "load_friction", "armature"):

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from simgap.blind.stand import STAND, Stand
 from simgap.blind.truth import PERIOD, Run, Soft, Truth
 
 Array = NDArray[np.float64]
@@ -471,6 +472,19 @@ def _backlash(truth: Truth, scale: Scale, actuator: str, size: float) -> Values:
     return {"width": size * float(scale.swing[_index(truth, actuator)])}
 
 
+def stand_of(scale: Scale, size: float) -> Stand:
+    """What gives way under the robot, relative to what its strongest joint does."""
+    torque, swing = max(scale.torque.values()), max(scale.high[j] - scale.low[j] for j in scale.high)
+    return Stand(4.0 * torque / (size * max(swing, 1e-6)))
+
+
+def _soft_mount(truth: Truth, scale: Scale, body: str, size: float) -> Values:
+    """The stand is put in when the truth is built; its two axes differ a little, the mean counts."""
+    model = truth.model
+    names = (f"{STAND}_{axis}" for axis in "xy")
+    return {"compliance": float(np.mean([1.0 / np.ravel(model.jnt_stiffness[model.joint(n).id])[0] for n in names]))}
+
+
 FAULTS: tuple[Fault, ...] = (
     Fault("coulomb_friction", "joint", (0.12, 0.3, 0.7), _coulomb),
     Fault("viscous_friction", "unsprung", (0.15, 0.35, 0.8), _viscous),
@@ -490,6 +504,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("servo_dead_band", "servo", (0.04, 0.1, 0.25), _band),
     Fault("servo_backlash", "play", (0.05, 0.12, 0.3), _backlash),
     Fault("joint_elasticity", "elastic", (0.04, 0.1, 0.25), _elastic),
+    Fault("soft_mount", "mounted", (0.015, 0.04, 0.1), _soft_mount),
     Fault("servo_gain", "actuator", (0.75, 0.6, 0.4), _gain),
     Fault("servo_offset", "servo", (0.1, 0.2, 0.5), _offset),
     Fault("servo_rate_limit", "servo", (0.85, 0.65, 0.4), _rate),
@@ -635,12 +650,13 @@ UNKNOWN: tuple[Fault, ...] = (
     Fault("odd_spring", "joint", (0.15, 0.35, 0.8), _one_sided, known=False),
     Fault("slipped_horn", "servo", (0.1, 0.2, 0.5), _slipped, known=False),
     Fault("hysteresis", "joint", (0.2, 0.4, 0.8), _hysteresis, known=False),
-    Fault("flexing_link", "play", (0.1, 0.2, 0.4), _built_in, known=False),
+    Fault("flexing_link", "flexing", (0.1, 0.2, 0.4), _built_in, known=False),
     Fault("crosstalk", "servo", (0.2, 0.4, 0.8), _crosstalk, known=False),
     Fault("hanging_sensor", "sensor", (0.15, 0.3, 0.6), _sticky, known=False),
 )
 
 
 def fault(name: str, kind: str) -> Fault:
-    """A fault by its name and the kind of its site."""
-    return next(f for f in (*FAULTS, *UNKNOWN) if (f.name, f.kind) == (name, kind))
+    """A fault by its name and the kind of its site; where that has another name by now, by its own alone."""
+    same = [f for f in (*FAULTS, *UNKNOWN) if f.name == name]
+    return next((f for f in same if f.kind == kind), same[0])

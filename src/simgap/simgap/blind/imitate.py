@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from simgap.blind.stand import STAND, of_robot
 from simgap.blind.truth import Truth
 
 Array = NDArray[np.float64]
@@ -45,12 +46,14 @@ def nominal_numbers(truth: Truth) -> list[Callable[[float], None]]:
         move(model.body_mass, body, z)
         move(model.body_inertia, body, z)
 
-    moving = [b for b in range(1, model.nbody) if model.body_weldid[b] != 0]
+    moving = [b for b in range(1, model.nbody) if model.body_weldid[b] != 0 and of_robot(model, "body")[b]]
     found: list[Callable[[float], None]] = [partial(weigh, b) for b in moving]
-    fields = [model.dof_damping, model.dof_armature, model.jnt_stiffness, model.dof_frictionloss, truth.kv]
+    numbers = [model.dof_damping, model.dof_armature, model.jnt_stiffness, model.dof_frictionloss]
+    # A stand is no number of a healthy robot.
+    fields = [(v.T * of_robot(model, k)).T for v, k in zip(numbers, ("dof", "dof", "jnt", "dof"), strict=True)]
     # What a motor without feedback gives is its gain in the model; of a servo, it is computed with kp.
-    fields += [np.where(truth.servo, 0.0, model.actuator_gainprm[:, 0]), np.where(truth.servo, truth.kp, 0.0)]
-    numbers = [*fields[:-2], model.actuator_gainprm[:, 0], truth.kp]
+    fields += [truth.kv, np.where(truth.servo, 0.0, model.actuator_gainprm[:, 0]), np.where(truth.servo, truth.kp, 0.0)]
+    numbers += [truth.kv, model.actuator_gainprm[:, 0], truth.kp]
     for values, field in zip(numbers, fields, strict=True):
         nonzero = np.flatnonzero(np.asarray(field).reshape(len(field), -1).any(axis=1))
         found += [partial(move, values, int(i)) for i in nonzero]
@@ -61,7 +64,8 @@ def nominal_numbers(truth: Truth) -> list[Callable[[float], None]]:
         found += [partial(_lean, model, axis) for axis in range(2)]
     if model.nq == model.njnt:
         names = [str(model.joint(j).name) for j in range(model.njnt)]
-        found += [partial(_begin, truth, name) for name in names if name not in truth.soft.values()]
+        others = {*truth.soft.values(), *(n for n in names if n.startswith(STAND))}
+        found += [partial(_begin, truth, name) for name in names if name not in others]
     if (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE).any():
         every = slice(None)
         found.append(lambda z: move(model.geom_friction[:, 0], every, z))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.blind.cases import SMALL, Case, Injected, Robot, all_sites, inject, robot_of, stronger
-from simgap.blind.faults import LEVELS, Scale, fault, soft_of
+from simgap.blind.faults import LEVELS, Scale, fault, soft_of, stand_of
 from simgap.blind.imitate import (
     IMITATED,
     IMITATED_WALK,
@@ -245,8 +245,11 @@ class Truths:
 
     def _between(self, faults: Sequence[Injected]) -> dict[str, Any]:
         """What faults put between motors and links, by joint."""
-        model, scale, soft = self._healthy_truth.model, self._scale(), {}
+        model, scale = self._healthy_truth.model, self._scale()
+        soft: dict[str, Any] = {}
         for injected in faults:
+            if injected.name == "soft_mount":
+                soft[injected.members[0]] = stand_of(scale, injected.size)
             if injected.name in ("servo_backlash", "flexing_link", "joint_elasticity"):
                 joint, actuator = _drive(model, injected)
                 between = soft_of(injected.name, injected.size, scale, joint, actuator)

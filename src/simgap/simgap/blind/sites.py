@@ -67,6 +67,7 @@ def sites(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[Site
         "geared": [of("joint", j) for j in driven],
         # What damps a joint with a spring is called its damping, and is the same.
         "unsprung": _grouped([of("joint", j) for j in scalar if model.jnt_stiffness[j] == 0]),
+        "mounted": [Site(name, (name,), (name,)) for name in _on_a_stand(model)],
         "sprung": [of("joint", j) for j in scalar if model.jnt_stiffness[j] > 0],
         "elastic": [of("joint", int(model.actuator_trnid[a, 0])) for a in servos],
         "body": [of("body", b) for b in bodies],
@@ -75,6 +76,7 @@ def sites(model: mujoco.MjModel, mapping: dict[str, Any]) -> dict[str, list[Site
         "actuator": _grouped([of("actuator", a) for a in actuators]),
         "servo": _grouped([of("actuator", a) for a in servos]),
         "play": [of("actuator", a) for a in servos],
+        "flexing": [of("actuator", a) for a in servos if not _tilts_all(model, int(model.actuator_trnid[a, 0]))],
         "cable": [of("tendon", int(model.actuator_trnid[a, 0])) for a in cables],
         "strap": [of("tendon", t) for t in range(model.ntendon) if model.tendon_limited[t]],
         "foot": [of("geom", g) for g in feet] if floored else [],
@@ -137,6 +139,26 @@ def _turns_upright_only(model: mujoco.MjModel, body: int) -> bool:
     mujoco.mj_kinematics(model, data)
     across = np.cross(data.xaxis[ways[0]], model.opt.gravity)
     return bool(np.linalg.norm(across) < 1e-6 * max(float(np.linalg.norm(model.opt.gravity)), 1e-9))
+
+
+def _on_a_stand(model: mujoco.MjModel) -> list[str]:
+    """Bodies that stand fixed in the world with more than one joint on them.
+
+    Of a single joint, a stand that tilts is a link that flexes. A body that slides in the world may float.
+    """
+    found = []
+    for body in np.flatnonzero(model.body_parentid == 0)[1:]:
+        joints = [j for j in range(model.njnt) if model.body_rootid[model.jnt_bodyid[j]] == body]
+        slides = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_FREE)
+        if len(joints) > 1 and int(model.jnt_type[joints[0]]) not in slides:
+            found.append(str(model.body(int(body)).name))
+    return found
+
+
+def _tilts_all(model: mujoco.MjModel, joint: int) -> bool:
+    """Whether a joint tilts a whole robot against the world, as a stand would that gives way: the two flex alike."""
+    body = int(model.jnt_bodyid[joint])
+    return bool(model.body_parentid[body] == 0) and not _turns_upright_only(model, body)
 
 
 def _joint_of(model: mujoco.MjModel, row: dict[str, Any]) -> int:

@@ -17,6 +17,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.blind.stand import Stand, of_robot, on_stand
+
 Array = NDArray[np.float64]
 
 PERIOD = 0.005
@@ -126,24 +128,37 @@ def build(
     spec: mujoco.MjSpec,
     mapping: Mapping[str, Any],
     rng: np.random.Generator,
-    soft: Mapping[str, Soft] | None = None,
+    soft: Mapping[str, Soft | Stand] | None = None,
     spread: tuple[float, float] = (0.05, 0.10),
     start: Mapping[str, float] | None = None,
 ) -> Truth:
-    """The nominal robot with every number off by 5 to 10 % (``spread``), another integrator and a finer time step."""
+    """The nominal robot with every number off by 5 to 10 % (``spread``), another integrator and a finer time step.
+
+    ``soft``: what lies below bodies, and between joints and their motors, by name.
+    """
+    for name, below in (soft or {}).items():
+        spec = on_stand(spec, name, below) if isinstance(below, Stand) else spec
     nominal = spec.compile()
-    motors = {name: _split(spec, nominal, name, between) for name, between in (soft or {}).items()}
+    between = {name: this for name, this in (soft or {}).items() if isinstance(this, Soft)}
+    motors = {name: _split(spec, nominal, name, this) for name, this in between.items()}
     model = spec.compile()
 
-    def off(n: int) -> Array:
-        return 1.0 + rng.choice([-1.0, 1.0], n) * rng.uniform(*spread, n)
+    def off(n: int, kind: str = "") -> Array:
+        # A stand is as its fault says.
+        drawn = of_robot(model, kind) if kind else np.ones(n, bool)
+        found, m = np.ones(n), int(drawn.sum())
+        found[drawn] = 1.0 + rng.choice([-1.0, 1.0], m) * rng.uniform(*spread, m)
+        return found
 
-    masses = off(model.nbody)
+    masses = off(model.nbody, "body")
     model.body_mass[:] *= masses
-    twist = 1.0 + rng.uniform(-0.5, 0.5, model.nbody) * (spread[1] > 0) * 0.1
+    own = of_robot(model, "body")
+    twist = np.ones(model.nbody)
+    twist[own] += rng.uniform(-0.5, 0.5, int(own.sum())) * (spread[1] > 0) * 0.1
     model.body_inertia[:] *= (masses * twist)[:, None]
-    for values in (model.dof_damping, model.dof_armature, model.jnt_stiffness, model.dof_frictionloss):
-        values *= off(len(values)).reshape(-1, *[1] * (values.ndim - 1))
+    for name in ("dof_damping", "dof_armature", "jnt_stiffness", "dof_frictionloss"):
+        values = getattr(model, name)
+        values *= off(len(values), name[:3]).reshape(-1, *[1] * (values.ndim - 1))
     model.geom_friction[:, 0] *= off(1)[0]
     if spread[1] > 0:
         model.geom_solref[:, 0] *= rng.uniform(0.8, 1.2)
@@ -181,7 +196,7 @@ def build(
         start=dict(start or {}),
     )
     made.cables = {int(a): Cable() for a in np.flatnonzero(pulls & servo)}
-    made.hides_soft = {name for name, between in (soft or {}).items() if between.stiffness > 0 and not between.seen}
+    made.hides_soft = {name for name, this in between.items() if this.stiffness > 0 and not this.seen}
     return made
 
 

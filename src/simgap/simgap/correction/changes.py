@@ -139,7 +139,8 @@ class Signal:
 
     Attributes:
         where: `controller` (the map's `gains` of an actuator), `command` (of an actuator), `servo` (an actuator),
-            `joint`, `sensor` (an output of the map), or `recording` (a measured input: nothing about the robot).
+            `joint`, `mount` (the body that stands on it), `sensor` (an output of the map), or `recording` (a measured
+            input: nothing about the robot).
         quantity: see `simgap.correction.signals`.
     """
 
@@ -332,6 +333,7 @@ def _robot_signals(plant: Plant, variant: Variant) -> Iterator[Signal]:
                 ("ripple_origin", friction.ripple_origin),
             ):
                 yield Signal("joint", name, quantity, float(along[dof]), "rad" if hinge else "m")
+    yield from _mount_signals(plant, variant)
     outputs = variant.outputs
     for i, channel in enumerate(plant.outputs):
         for quantity, values, neutral, unit in (
@@ -348,6 +350,15 @@ def _robot_signals(plant: Plant, variant: Variant) -> Iterator[Signal]:
         angle = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2.0
         for axis, value in zip("xyz", angle, strict=True):
             yield Signal("sensor", plant.outputs[channels[0]].sensor, f"turned_about_{axis}", float(value), "rad")
+
+
+def _mount_signals(plant: Plant, variant: Variant) -> Iterator[Signal]:
+    mounts, bodies = variant.mounts, model_names(plant.model, Obj.mjOBJ_BODY)
+    for body in np.flatnonzero(mounts.compliance):
+        yield Signal("mount", bodies[body], "compliance", float(mounts.compliance[body]), "rad/(N m)")
+        yield Signal("mount", bodies[body], "ringing", float(mounts.ringing[body]), "1")
+        if mounts.inertia[body]:
+            yield Signal("mount", bodies[body], "inertia", float(mounts.inertia[body]), "kg m^2")
 
 
 def _controller_signals(plant: Plant, variant: Variant, touched: set[str]) -> Iterator[Signal]:

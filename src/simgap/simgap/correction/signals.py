@@ -41,6 +41,8 @@ class Signals:
       ``load_friction`` (share of the transmitted torque), ``ripple`` (a torque that goes to and fro with the joint's
       position, once in ``ripple_period``, and rises through zero at ``ripple_origin``; ``data.qfrc_applied`` of such a
       joint is set by this class);
+    - ``mount`` (of the body that stands on it): ``compliance`` (here only how far it tilts under the weight on it, as
+      gravity that leans; not that it rings, with the damping ratio ``ringing`` and an ``inertia`` of its own);
     - ``sensor``: ``scale``, ``bias``, ``delay`` [s], ``lag`` [s] (a filter of first order), ``limit``.
     """
 
@@ -55,6 +57,8 @@ class Signals:
         self._servo = [self._of.get(("servo", name), {}) for name in names]
         self._gains = [self._of.get(("controller", name), {}) for name in names]
         self._supply = self._of.get(("servo", "all"), {})
+        self._mounts = [(model.body(name).id, of) for (where, name), of in self._of.items() if where == "mount"]
+        self._down = model.opt.gravity.copy()
         self._joints = [(i, self._of.get(("joint", model.joint(i).name), {})) for i in range(model.njnt)]
         self.reset()
 
@@ -86,6 +90,7 @@ class Signals:
             control = self._weaken(control, data)
         data.ctrl[:] = control
         self._rub(data)
+        self._tilt(data)
 
     def measure(self, time: float, values: dict[str, float]) -> dict[str, float]:
         """What the sensors would read at ``time`` [s] where the simulation has ``values``, both by name."""
@@ -203,6 +208,13 @@ class Signals:
         lost = asked - force / (1.0 + self._supply.get("sag", 0.0) * load)
         result: Array = control - np.divide(lost, gain, out=np.zeros_like(lost), where=gain != 0)
         return result
+
+    def _tilt(self, data: mujoco.MjData) -> None:
+        for body, of in self._mounts:
+            lever = data.subtree_com[body] - data.xpos[body]
+            weight = self._model.body_subtreemass[body] * self._down
+            tilt = of.get("compliance", 0.0) * np.cross(lever, weight)
+            self._model.opt.gravity[:] = self._down - np.cross(tilt, self._down)
 
     def _rub(self, data: mujoco.MjData) -> None:
         for joint, of in self._joints:

@@ -18,7 +18,14 @@ from simgap.data.mapping import SIGNALS, Map, SignalRow
 
 Array = NDArray[np.float64]
 Obj = mujoco.mjtObj
-_PATHS = {"command": "inputs", "recording": "inputs", "servo": "servos", "joint": "friction", "sensor": "outputs"}
+_PATHS = {
+    "command": "inputs",
+    "recording": "inputs",
+    "servo": "servos",
+    "joint": "friction",
+    "mount": "mounts",
+    "sensor": "outputs",
+}
 KELVINS = {
     **dict.fromkeys(("K", "kelvin", "degC", "°C", "celsius"), 1.0),
     **dict.fromkeys(("degF", "°F", "fahrenheit"), 5.0 / 9.0),
@@ -55,6 +62,7 @@ def known_signals(
     names = {
         "servo": model_names(model, Obj.mjOBJ_ACTUATOR),
         "joint": model_names(model, Obj.mjOBJ_JOINT),
+        "mount": model_names(model, Obj.mjOBJ_BODY),
         "sensor": [c.name for c in outputs],
     }
     found: list[Known] = []

@@ -221,6 +221,11 @@ SIGNALS = {
         "ripple_period": Way("ripple_period", 0.0, open=True),
         "ripple_origin": Way("ripple_origin"),
     },
+    "mount": {
+        "compliance": Way("compliance", 0.0),
+        "ringing": Way("ringing", 0.0),
+        "inertia": Way("inertia", 0.0),
+    },
     "sensor": {
         "scale": Way("scale"),
         "bias": Way("bias"),
@@ -237,7 +242,7 @@ SIGNALS = {
 class SignalRow(_Row):
     """What is known of the way of a signal beyond the model, in SI: `simgap apply --map` writes such rows."""
 
-    where: Literal["command", "recording", "servo", "joint", "sensor"]
+    where: Literal["command", "recording", "servo", "joint", "mount", "sensor"]
     name: str
     quantity: str
     value: float = Field(allow_inf_nan=False)

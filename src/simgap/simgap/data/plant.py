@@ -21,6 +21,7 @@ from simgap.data.channels import (
 from simgap.data.errors import GapInputError
 from simgap.data.known import Known, known_signals, thermometers
 from simgap.data.mapping import GainRow, Map
+from simgap.data.mounting import Mounting, mounting
 from simgap.data.setup import AS_MODELLED, Setup, setups
 
 Array = NDArray[np.float64]
@@ -48,6 +49,8 @@ class Plant:
     """Which of them a run has, by its number; that of the model where it is not named."""
     known: tuple[Known, ...] = ()
     """What the map knows of the ways of signals; every variant begins there."""
+    mounting: Mounting | None = None
+    """The same model on mounts that can tilt, where it stands fixed."""
 
     def read(self, sensordata: Array) -> Array:
         """Output channels (..., no) from sensordata (..., nsensordata)."""
@@ -122,6 +125,7 @@ def build_plant(spec: mujoco.MjSpec, mapping: Map) -> Plant:
         _close_loop(spec, base, name, row, mapping)
     sensors = [sensor_of(spec, base, row, f"{mapping.source}: outputs[{i}]") for i, row in enumerate(mapping.outputs)]
     model = _compile(spec, mapping)
+    on_mounts = mounting(spec, model)
     inputs = tuple(
         input_channel(model, row, f"{mapping.source}: inputs[{i}] ({row.column})", mapping)
         for i, row in enumerate(mapping.inputs)
@@ -141,7 +145,9 @@ def build_plant(spec: mujoco.MjSpec, mapping: Map) -> Plant:
             model.actuator_ctrllimited[channel.actuator] = 0
     known = known_signals(model, inputs, outputs, mapping)
     thermometers(model, mapping)
-    return Plant(model, inputs, outputs, mapping, warnings, frozenset(), frozenset(), *setups(model, mapping), known)
+    found = Plant(model, inputs, outputs, mapping, warnings, frozenset(), frozenset(), *setups(model, mapping), known)
+    found.mounting = on_mounts
+    return found
 
 
 def _compile(spec: mujoco.MjSpec, mapping: Map) -> mujoco.MjModel:

@@ -9,10 +9,10 @@ from pathlib import Path
 from types import ModuleType
 
 from simgap.data.errors import GapInputError, nearest
-from simgap.effects import body, contact, friction, joint, link, sensor, servo, tendon
+from simgap.effects import body, contact, friction, joint, link, mount, sensor, servo, tendon
 from simgap.effects.base import Context, Effect
 
-_MODULES = (servo, link, friction, tendon, joint, body, contact, sensor)
+_MODULES = (servo, link, friction, tendon, joint, mount, body, contact, sensor)
 
 
 def _classes(module: ModuleType) -> list[type[Effect]]:

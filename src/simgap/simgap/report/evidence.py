@@ -24,6 +24,7 @@ _SITES = {
     "mass": mujoco.mjtObj.mjOBJ_BODY,
     "com": mujoco.mjtObj.mjOBJ_BODY,
     "inertia": mujoco.mjtObj.mjOBJ_BODY,
+    "soft": mujoco.mjtObj.mjOBJ_BODY,
     "ground": mujoco.mjtObj.mjOBJ_GEOM,
     "foot": mujoco.mjtObj.mjOBJ_GEOM,
 } | dict.fromkeys(("coulomb", "viscous", "stribeck", "load", "torque", "armature", "joint"), mujoco.mjtObj.mjOBJ_JOINT)

@@ -86,8 +86,9 @@ class Follow:
         batch: mjbatch.Batch,
         stops: Ints | None = None,
         late_from: float = np.inf,
+        starts: Ints | None = None,
     ) -> None:
-        self._index, self._origin, self._stops = index, origin, stops
+        self._index, self._origin, self._stops, self._starts = index, origin, stops, starts
         # Views: looked up once, since this runs at every step.
         self._all_qpos, self._all_qvel = batch.bind("qpos"), batch.bind("qvel")
         first = states[0]
@@ -102,10 +103,15 @@ class Follow:
         self._twist = np.stack([s.twist for s in states])
 
     def apply(self, position: float, shift: Array | None, rate_shift: Array | None) -> None:
-        """Overwrite coordinates and rates with the measurement ``position`` rows after the origin."""
-        row = self._origin + int(position)
+        """Overwrite coordinates and rates with the measurement ``position`` rows after (or before) the origin.
+
+        Before a simulation's ``starts`` the robot was where it was then.
+        """
+        row = self._origin + int(np.floor(position))
         last = self._position.shape[1] - 2 if self._stops is None else self._stops - 2
-        row, share = np.minimum(row, last), (position - int(position))
+        row, share = np.minimum(row, last), (position - int(np.floor(position)))
+        if position < 0:
+            row = np.maximum(row, 0 if self._starts is None else self._starts)
         qpos, qvel = self._all_qpos, self._all_qvel
         if len(self._dof):
             nm = len(self._dof)

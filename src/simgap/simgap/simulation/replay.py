@@ -18,6 +18,7 @@ from mujoco import batch as mjbatch
 from numpy.typing import NDArray
 
 from simgap.data.align import Aligned
+from simgap.data.mounting import field_bytes, read_field
 from simgap.data.plant import Plant, euler_angles
 from simgap.data.supply import measured_supply
 from simgap.simulation.drive import Drive, Follow
@@ -31,9 +32,10 @@ from simgap.simulation.extra_laws import (
     needs_step,
 )
 from simgap.simulation.heat import Heat
+from simgap.simulation.mounted import RINGS_ON, MountedBatch, on_mounts
 from simgap.simulation.signal_path import filtered, inverse_outputs, shape_inputs
 from simgap.simulation.state import MeasuredState, measured_state
-from simgap.simulation.variant import InputPath, OutputPath, Variant
+from simgap.simulation.variant import InputPath, MountPath, OutputPath, Variant
 from simgap.simulation.windows import Windows
 
 Array = NDArray[np.float64]
@@ -46,8 +48,6 @@ ELSEWHERE = (0.1, 0.01)
 _MAX_BYTES = 150e6
 _MAX_SIMS = 1500
 _FATAL = tuple(int(getattr(mujoco.mjtWarning, f"mjWARN_{w}")) for w in ("INERTIA", "BADQPOS", "BADQVEL", "BADQACC"))
-_SKIPPED = ("name", "cam_", "light_", "mat_", "flex", "tex", "key_", "text", "tuple", "numeric", "plugin", "bvh")
-_FIELDS = tuple(sorted(f for f in mjbatch.MODEL_FIELDS if not f.startswith(_SKIPPED)))
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,9 @@ class Replayer:
         self.plant, self.aligned, self.windows, self.floor = plant, aligned, windows, floor
         self.threads = threads or min(os.cpu_count() or 1, 8)
         self.base = _const(plant.model)
-        self._base_bytes = {field: _field(self.base, field).tobytes() for field in _FIELDS}
+        self._base_bytes = field_bytes(self.base)
+        self._mounted = None if plant.mounting is None else _const(plant.mounting.of(plant.model))
+        self._mounted_bytes = {} if self._mounted is None else field_bytes(self._mounted)
         self._inputs: dict[bytes, Array] = {}
         self._states: dict[bytes, MeasuredState] = {}
         self.simulated_seconds = 0.0
@@ -187,7 +189,8 @@ class Replayer:
         window = np.arange(len(self.windows))
         variants, which = self._set_up([variant], np.zeros(len(self.windows), np.int64), window)
         with quiet_mujoco():
-            self._chunk(self._prepare(variants), _Pairs(which, window), _REMEMBERS, kept)
+            way = _REMEMBERS + (_TILTS if _tilts(variant) else 0)
+            self._chunk(self._prepare(variants), _Pairs(which, window), way, kept)
         return {f: np.nan_to_num(np.concatenate(v)) for f, v in kept.items()}
 
     def _set_up(self, variants: Sequence[Variant], which: Ints, window: Ints) -> tuple[Sequence[Variant], Ints]:
@@ -224,22 +227,30 @@ class Replayer:
             if out_key not in state_keys:
                 state_keys[out_key] = len(states)
                 states.append(self._measured(variant.outputs))
-            rows.append(_Row(self._differences(variant.model), input_keys[key], state_keys[out_key]))
+            rows.append(_Row(self._differences(variant), input_keys[key], state_keys[out_key]))
         return _Prepared(variants, rows, shape_inputs(self.aligned, paths), states)
 
-    def _differences(self, model: mujoco.MjModel) -> dict[str, NDArray[np.generic]]:
-        changed = _const(model)
+    def _differences(self, variant: Variant) -> dict[str, NDArray[np.generic]]:
+        """Fields of a variant's model that are not those of the base, or of the base on mounts."""
+        mounting, told = self.plant.mounting, self._base_bytes
+        if _tilts(variant) and mounting is not None:
+            changed, told = _const(on_mounts(mounting, variant)), self._mounted_bytes
+        else:
+            changed = _const(variant.model)
         different = {}
-        for field, base in self._base_bytes.items():
-            mine = _field(changed, field)
-            if mine.tobytes() != base:
+        for field, usual in told.items():
+            mine = read_field(changed, field)
+            if mine.tobytes() != usual:
                 different[field] = np.array(mine)
         return different
 
-    def _batch(self, rows: Sequence[_Row], which: Ints) -> mjbatch.Batch:
-        batch = mjbatch.Batch(self.base, len(which), self.threads)
+    def _batch(self, rows: Sequence[_Row], which: Ints, mounted: bool = False) -> mjbatch.Batch:
+        mounting, count = self.plant.mounting, len(which)
+        on_mount = MountedBatch(mounting, self._mounted, count, self.threads) if mounted and mounting else None
+        batch = mjbatch.Batch(self.base, count, self.threads) if on_mount is None else on_mount
+        expand = batch.expand if on_mount is None else on_mount.whole
         for field in sorted(set().union(*(rows[v].fields for v in np.unique(which)))):
-            values = batch.expand(field)
+            values = expand(field)
             for v in np.unique(which):
                 if field in rows[v].fields:
                     values[which == v] = rows[v].fields[field]
@@ -251,24 +262,28 @@ class Replayer:
         self, prepared: _Prepared, pairs: _Pairs, way: int, probe: dict[str, list[Array]] | None = None
     ) -> Array:
         rows, which, window = prepared.rows, pairs.variant, pairs.window
-        batch = self._batch(rows, which)
+        batch = self._batch(rows, which, way >= _TILTS)
         batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         if self._start is not None:
-            batch.state[:] = self._start[window]
+            self._begin(batch, self._start[window])
         mine = [prepared.variants[v] for v in which]
         paths = np.array([rows[v].inputs for v in which])
         origin = self.windows.start[window] - self.windows.warm_up
         drive = Drive(self.plant, mine, paths, prepared.inputs, origin, self._dt, self.aligned.period)
         drive.limits(self._run_start[window], self._run_stop[window])
         states = np.array([rows[v].state for v in which])
-        follow = Follow(prepared.states, states, drive.origin, batch, late_from=self._late_from)
+        starts = self._run_start[window]
+        follow = Follow(prepared.states, states, drive.origin, batch, late_from=self._late_from, starts=starts)
         history = np.empty((len(which), self._steps, self.plant.model.nsensordata))
         left = self._left_by_heat(prepared, which, origin)
         sims = _Simulations(batch, mine, pairs, drive, follow, history, np.zeros(len(which), bool), left)
-        if way != _ROLLS:
-            self._step_through(sims, way == _REMEMBERS or self._settles(batch), probe)
+        tilts = isinstance(batch, MountedBatch)
+        if tilts:
+            self._tilt(sims, batch)
+        if way % _TILTS != _ROLLS:
+            self._step_through(sims, tilts or way % _TILTS == _REMEMBERS or self._settles(batch), probe)
         else:
-            self._roll_out(sims)
+            self._roll_out(sims, tilts or self._settles(batch))
         warned = batch.warning[:, :, 1].astype(np.int64)
         failed = sims.failed | (warned[:, list(_FATAL)] > 0).any(axis=1)
         outputs = self._sample(history, mine)
@@ -288,12 +303,32 @@ class Replayer:
                 found[which == v] = share[rows[which == v]]
         return found
 
-    def _roll_out(self, sims: _Simulations) -> None:
+    def _begin(self, batch: mjbatch.Batch, rows: Array) -> None:
+        """Put simulations into states (n, nstate) of the plain model."""
+        if not isinstance(batch, MountedBatch):
+            batch.state[:] = rows
+            return
+        plain = mjbatch.Batch(self.base, len(rows), 1)
+        plain.state[:] = rows
+        batch.put(plain)
+
+    def _tilt(self, sims: _Simulations, batch: MountedBatch) -> None:
+        """Bring mounts to where they are as the warm-up begins, from what the robot did before it."""
+        early = round(RINGS_ON / self._dt)
+        for k in range(-early, 0):
+            position = k * self._dt / self.aligned.period
+            sims.follow.apply(position, None, None)
+            batch.ctrl[:], batch.qfrc_applied[:] = sims.drive.at(position)
+            if k == -early:
+                batch.balance()
+            _try(batch.step, sims.failed)
+
+    def _roll_out(self, sims: _Simulations, warm: bool) -> None:
         """The free run in one call, for variants whose inputs do not depend on the state."""
         batch, drive, follow, history, failed = sims.batch, sims.drive, sims.follow, sims.history, sims.failed
         lead, period = self._lead_steps, self.aligned.period
         positions = np.arange(self._steps, dtype=np.float64) * (self._dt / period)
-        if self._settles(batch):
+        if warm:
             ctrl, forces = batch.bind("ctrl"), batch.bind("qfrc_applied")
             control, applied = drive.at(positions[:lead])
             for k in range(lead):
@@ -436,6 +471,7 @@ class Replayer:
         piece_of = np.searchsorted([s for s, _ in pieces], begin, side="right") - 1
         at = np.rint((begin - origins[piece_of]) * period / dt).astype(np.int64)
         nominal = Variant.nominal(self.plant)
+        nominal.mounts = MountPath.neutral(self.plant)
         prepared = self._prepare([nominal])
         which = np.zeros(len(pieces), np.int64)
         batch = self._batch(prepared.rows, which)
@@ -462,12 +498,22 @@ class Replayer:
         return found
 
 
-_ROLLS, _LOOKS, _REMEMBERS = 0, 1, 2
-"""Ways in which a variant runs: in one call, step by step, step by step with its past."""
+_ROLLS, _LOOKS, _REMEMBERS, _TILTS = 0, 1, 2, 4
+"""Ways in which a variant runs: in one call, step by step, step by step with its past; and any of these on mounts."""
+
+
+def _tilts(variant: Variant) -> bool:
+    return variant.plant.mounting is not None and variant.mounts.gives
 
 
 def _way(variant: Variant, always_on: bool = True) -> int:
     """How a variant must run: its servos or frictions look at the state or are switched, or its past matters."""
+    if _tilts(variant):
+        return _TILTS + _on_firm_ground(variant, always_on)
+    return _on_firm_ground(variant, always_on)
+
+
+def _on_firm_ground(variant: Variant, always_on: bool) -> int:
     if needs_past(variant) or variant.outputs.late.any():
         return _REMEMBERS
     if not always_on or needs_step(variant):
@@ -500,7 +546,3 @@ def _const(model: mujoco.MjModel) -> mujoco.MjModel:
     """``model`` with its derived constants brought up to date, in place."""
     mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
-
-
-def _field(model: mujoco.MjModel, name: str) -> NDArray[np.generic]:
-    return np.asarray(getattr(model.opt, name[4:]) if name.startswith("opt.") else getattr(model, name))

@@ -15,7 +15,7 @@ from simgap.data.setup import Setup
 Array = NDArray[np.float64]
 
 SPRING_DAMPING = 0.05
-"""Damping ratio of an elastic drive of which nothing is known: gears and belts have a few hundredths."""
+"""Damping ratio of an elastic drive or mount of which nothing is known: gears, belts, tables have a few hundredths."""
 HEAT_TIME = 4.0
 """[s] in which a small servo warms, where nothing is known of it: windings take seconds, and what is far slower than a
 recording looks the same in it, with another loss."""
@@ -125,6 +125,29 @@ class FrictionPath:
 
 
 @dataclass
+class MountPath:
+    """What a fixed base stands on, (nbody,) each: a spring that tilts about two horizontal axes; neutral by default."""
+
+    compliance: Array
+    """[rad/(N m)]"""
+    ringing: Array
+    """Damping ratio, with all joints held."""
+    inertia: Array
+    """[kg m^2] of what tilts along beside the robot."""
+
+    @classmethod
+    def neutral(cls, plant: Plant) -> MountPath:
+        """It stands firm."""
+        n = plant.model.nbody
+        return cls(np.zeros(n), np.full(n, SPRING_DAMPING), np.zeros(n))
+
+    @property
+    def gives(self) -> bool:
+        """Whether some base tilts."""
+        return bool(self.compliance.any())
+
+
+@dataclass
 class OutputPath:
     """What happens to the outputs before they are recorded, (no,) each: filter, turn, scale, bias, delay, saturate."""
 
@@ -171,6 +194,7 @@ class Variant:
     servos: ServoPath
     friction: FrictionPath
     outputs: OutputPath
+    mounts: MountPath
     moment: float = 0.0
     """[s] after the middle of the recording, for effects that grow with time."""
 
@@ -184,6 +208,7 @@ class Variant:
             ServoPath.neutral(plant),
             FrictionPath.neutral(plant),
             OutputPath.neutral(plant),
+            MountPath.neutral(plant),
         )
         for known in plant.known:
             known.enter(made)
@@ -206,5 +231,6 @@ class Variant:
             copy.deepcopy(self.servos),
             copy.deepcopy(self.friction),
             copy.deepcopy(self.outputs),
+            copy.deepcopy(self.mounts),
             self.moment,
         )
