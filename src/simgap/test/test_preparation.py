@@ -128,11 +128,17 @@ def test_what_stands_beside_the_joints_is_sorted_out(tmp_path: Path) -> None:
         "torque_enable": (np.arange(n) > 20).astype(float),
         "input_volts": 12.0 + 0.1 * np.sin(np.arange(n)),
         "load_elbow": np.abs(np.sin(np.arange(n))),
+        **{name: np.linspace(20.0, 30.0, n) for name in ("elbow_temp", "temp_board")},
     }
     found, text = _guess({**log, **beside}, mujoco.MjModel.from_xml_string(MODELS["arm"]), tmp_path)
     assert found.segments is not None and found.segments.column == "run"
     assert found.enabled is not None and found.enabled.column == "torque_enable"
-    assert [(a.column, a.unit) for a in found.auxiliary] == [("input_volts", "V")]
+    # Whose motor's temperature it is, a name says or leaves open.
+    assert {(a.column, a.unit, a.actuator) for a in found.auxiliary} == {
+        ("input_volts", "V", None),
+        ("elbow_temp", "degC", "elbow_servo"),
+        ("temp_board", "degC", None),
+    }
     assert "# not used: load_elbow" in text
 
 

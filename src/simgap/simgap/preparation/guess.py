@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from simgap.data.bag import is_bag
 from simgap.data.channels import is_servo, model_names
 from simgap.data.errors import GapInputError
+from simgap.data.known import KELVINS
 from simgap.data.mapping import ALL
 from simgap.preparation.columns import ENABLED, RUN, TIME, Column, bare, columns_of, words_of
 from simgap.preparation.floating import body_rows
@@ -93,6 +94,7 @@ def guess_map(recording: Path, model: mujoco.MjModel, ask: Ask | None = None) ->
     places = _match(columns, model, joints)
     _outputs(columns, places, model, joints, guess)
     _inputs(columns, places, model, joints, guess, ask)
+    _tell_thermometers(guess)
     if is_bag(recording):
         guess.outputs += body_rows(recording, model)
     seen = {row["topic"] for row, _ in guess.outputs if "topic" in row}
@@ -145,6 +147,19 @@ def _take_beside(columns: list[Column], guess: Guess) -> None:
         else:
             continue
         columns.remove(column)
+
+
+def _tell_thermometers(guess: Guess) -> None:
+    """Say whose motor a temperature is, where its name says so or there is one motor alone."""
+    motors = list(dict.fromkeys(str(row["actuator"]) for row, _ in guess.inputs if "actuator" in row))
+    for row in guess.auxiliary:
+        if row["unit"] not in KELVINS:
+            continue
+        told = set(words_of(" ".join(str(row[k]) for k in ("topic", "field", "column", "named") if k in row)))
+        named = [m for m in motors if bare(words_of(m)) and set(bare(words_of(m))) <= told]
+        whose = motors if len(motors) == 1 else named
+        if len(whose) == 1:
+            row["actuator"] = whose[0]
 
 
 def _match(columns: Sequence[Column], model: mujoco.MjModel, joints: Sequence[int]) -> dict[str, int]:
