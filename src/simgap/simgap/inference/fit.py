@@ -48,7 +48,7 @@ MANY, _MOVED = 24, 0.5
 """Of more than so many nuisances, a second look is had at those that are this many standard deviations off."""
 _MANY_LANDING = 48
 """The same of a robot that lands, where what one number does is another matter beside others: with a second look at
-those that had moved alone a mouse's 29 and 36 numbers stopped 243 and 259 nats short of where all of them end."""
+those that had moved alone a mouse's 29 and 36 numbers stopped 206 and 259 nats short of where all of them end."""
 _WORTH = 3.0
 """[nats] Of more than MANY nuisances, one that moves the data by less than this when it is off by a whole standard
 deviation is left out: neither can it explain a gap, nor can this recording say what it is."""
