@@ -10,7 +10,6 @@ begin.
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
@@ -18,7 +17,7 @@ from scipy.linalg import expm
 from simgap.data.channels import is_servo
 from simgap.data.plant import Plant
 from simgap.effects.base import Wave
-from simgap.effects.joint import LEAST_OF_SWING, MOST_OF_SWING, driven_joints
+from simgap.effects.joint import LEAST_OF_SWING, MOST_OF_SWING, driven_joints, moved_joint
 from simgap.simulation.replay import Replayer
 from simgap.simulation.scales import Scales
 
@@ -66,14 +65,14 @@ class _Joint:
         column = int(np.flatnonzero(replayer.state.qpos == plant.outputs[channel].qpos)[0])
         every = windows.start[:, None] + np.arange(int(windows.sample[-1]) + 1)
         self._angle, speed = (s[every, column] for s in (replayer.state.position, replayer.state.velocity))
-        answer, free = _answers(plant, self._dof, self._period, every.shape[1])
+        answer, free = _answers(plant, joint, self._period, every.shape[1])
         self._answer, free = answer[windows.sample], free[windows.sample]
         orthogonal = np.linalg.qr(free)[0]
         self._forgiven = np.eye(len(free)) - orthogonal @ orthogonal.T
         usual = max(float(np.sqrt((speed**2).mean())), 1e-12)
         middle, half = float(self._angle.mean()), max(0.5 * float(np.ptp(self._angle)), 1e-12)
         turned = (self._angle - middle) / half
-        inputs = [i for i, c in enumerate(plant.inputs) if _moves(plant, i, self._dof)]
+        inputs = [i for i, c in enumerate(plant.inputs) if moved_joint(plant, c) == joint]
         told = [aligned.inputs[every, i] for i in inputs]
         told += [np.gradient(u, axis=1) for u in told]
         others = [np.ones_like(turned), turned, turned**2, speed, np.tanh(speed / (0.05 * usual))]
@@ -130,21 +129,12 @@ class _Joint:
         return tuple(wave for wave in made if wave.amplitude > 0.0)
 
 
-def _moves(plant: Plant, i: int, dof: int) -> bool:
-    """Whether an input moves a degree of freedom by itself."""
-    model, channel = plant.model, plant.inputs[i]
-    if channel.actuator < 0:
-        return channel.dof == dof
-    joint = model.actuator_trntype[channel.actuator] == mujoco.mjtTrn.mjTRN_JOINT
-    return bool(joint and model.jnt_dofadr[model.actuator_trnid[channel.actuator, 0]] == dof)
-
-
-def _answers(plant: Plant, dof: int, period: float, count: int) -> tuple[Array, Array]:
+def _answers(plant: Plant, joint: int, period: float, count: int) -> tuple[Array, Array]:
     """How a joint answers, others held: (n, n) to torques that are held for a row each, (n, 2) to where it begins."""
-    model = plant.model
-    stiffness, damping = float(model.jnt_stiffness[model.dof_jntid[dof]]), float(model.dof_damping[dof])
-    for i, channel in enumerate(plant.inputs):
-        if channel.actuator >= 0 and _moves(plant, i, dof) and is_servo(model, channel.actuator, 1):
+    model, dof = plant.model, int(plant.model.jnt_dofadr[joint])
+    stiffness, damping = float(model.jnt_stiffness[joint]), float(model.dof_damping[dof])
+    for channel in plant.inputs:
+        if channel.actuator >= 0 and moved_joint(plant, channel) == joint and is_servo(model, channel.actuator, 1):
             gear = float(model.actuator_gear[channel.actuator, 0])
             stiffness -= gear**2 * float(model.actuator_biasprm[channel.actuator, 1])
             damping -= gear**2 * float(model.actuator_biasprm[channel.actuator, 2])

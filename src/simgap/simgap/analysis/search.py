@@ -22,7 +22,6 @@ from simgap.data.excitation import still_joints
 from simgap.data.noise_floor import noise_floor, noise_warning
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording, concatenate
-from simgap.data.supply import sways
 from simgap.effects.base import Context
 from simgap.effects.library import enumerate_effects
 from simgap.inference.budget import SEARCH, Budget, OutOfTimeError
@@ -36,7 +35,6 @@ from simgap.inference.stochastic_link import Chance
 from simgap.simulation.horizon import forgets, usable_horizon
 from simgap.simulation.integration import finer
 from simgap.simulation.replay import Replayer
-from simgap.simulation.scales import measure_scales
 from simgap.simulation.state import measured_state
 from simgap.simulation.variant import Variant
 from simgap.simulation.windows import HORIZON, HORIZON_HEAVY, affordable, at_limit, cut, light, longer
@@ -112,16 +110,8 @@ def search(
         nominal, nuisances = Variant.nominal(plant), nuisances_of(plant)
         replayer = replay(nominal, floor)
     windows = replayer.windows
-    replayed, scales = replayer.run([nominal])[0], measure_scales(replayer, nominal)
-    context = Context(
-        plant,
-        scales,
-        options.groups,
-        switched=not aligned.enabled.all(),
-        swaying=sways(replayer.supply),
-        warming=replayer.heat.measured,
-        waves=waves(replayer, replayed, scales),
-    )
+    replayed, context = replayer.run([nominal])[0], Context.of(replayer, nominal, options.groups)
+    context.waves = waves(replayer, replayed, context.scales)
     effects = enumerate_effects(context, options.extra_effects, options.only)
     if options.keep is not None:
         effects = [effect for effect in effects if options.keep(effect)]

@@ -657,6 +657,5 @@ UNKNOWN: tuple[Fault, ...] = (
 
 
 def fault(name: str, kind: str) -> Fault:
-    """A fault by its name and the kind of its site; where that has another name by now, by its own alone."""
-    same = [f for f in (*FAULTS, *UNKNOWN) if f.name == name]
-    return next((f for f in same if f.kind == kind), same[0])
+    """A fault by its name and the kind of its site."""
+    return next(f for f in (*FAULTS, *UNKNOWN) if (f.name, f.kind) == (name, kind))

@@ -66,6 +66,10 @@ class Mounting:
                 self._enter(made, field, value)
         return made
 
+    def rows_of(self, field: str) -> Ints | None:
+        """Where a field's rows of the plain model are in this one; None of fields that have as many in both."""
+        return self.rows.get(field.split("_")[0].rstrip("0"))
+
     @cached_property
     def _usual(self) -> dict[str, bytes]:
         return field_bytes(self.plain)
@@ -74,7 +78,7 @@ class Mounting:
         if field.startswith("opt."):
             setattr(made.opt, field[4:], value if value.ndim else value.item())
             return
-        rows, target = self.rows.get(field.split("_")[0].rstrip("0")), getattr(made, field)
+        rows, target = self.rows_of(field), getattr(made, field)
         if rows is not None:
             target[rows] = value
         elif target.shape == value.shape:

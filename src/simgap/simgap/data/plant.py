@@ -145,9 +145,8 @@ def build_plant(spec: mujoco.MjSpec, mapping: Map) -> Plant:
             model.actuator_ctrllimited[channel.actuator] = 0
     known = known_signals(model, inputs, outputs, mapping)
     thermometers(model, mapping)
-    found = Plant(model, inputs, outputs, mapping, warnings, frozenset(), frozenset(), *setups(model, mapping), known)
-    found.mounting = on_mounts
-    return found
+    ways = *setups(model, mapping), known, on_mounts
+    return Plant(model, inputs, outputs, mapping, warnings, frozenset(), frozenset(), *ways)
 
 
 def _compile(spec: mujoco.MjSpec, mapping: Map) -> mujoco.MjModel:

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from simgap.data.channels import model_names
 from simgap.data.plant import Plant
+from simgap.data.supply import sways
 from simgap.simulation.contacts import colliding
-from simgap.simulation.scales import Scales
+from simgap.simulation.replay import Replayer
+from simgap.simulation.scales import Scales, measure_scales
 from simgap.simulation.variant import Variant
 
 Array = NDArray[np.float64]
@@ -101,6 +103,18 @@ class Context:
     waves: dict[int, tuple[Wave, ...]] | None = None
     """What the recording suggests of each measured joint of which ripples are sought, most likely first; None where
     nothing was recorded yet."""
+
+    @classmethod
+    def of(cls, replayer: Replayer, nominal: Variant, groups: dict[str, tuple[str, ...]]) -> Context:
+        """What the recording of a replayer tells by itself, and by a nominal replay; no `waves`."""
+        return cls(
+            replayer.plant,
+            measure_scales(replayer, nominal),
+            groups,
+            switched=not replayer.aligned.enabled.all(),
+            swaying=sways(replayer.supply),
+            warming=replayer.heat.measured,
+        )
 
     @property
     def model(self) -> mujoco.MjModel:

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.data.channels import InputChannel
 from simgap.data.plant import Plant
 from simgap.effects.base import (
     ByPart,
@@ -254,12 +255,15 @@ class TorqueRipple(Effect):
         path.ripple[dof], path.ripple_period[dof], path.ripple_origin[dof] = values
 
 
+def moved_joint(plant: Plant, channel: InputChannel) -> int:
+    """The joint that an input moves by itself; -1 of one that pulls a cable or drives something else."""
+    model = plant.model
+    if channel.actuator < 0:
+        return int(model.dof_jntid[channel.dof])
+    at_joint = model.actuator_trntype[channel.actuator] == mujoco.mjtTrn.mjTRN_JOINT
+    return int(model.actuator_trnid[channel.actuator, 0]) if at_joint else -1
+
+
 def driven_joints(plant: Plant) -> list[int]:
     """Hinges and slides that an input moves by itself."""
-    model, found = plant.model, set()
-    for channel in plant.inputs:
-        if channel.actuator < 0:
-            found.add(int(model.dof_jntid[channel.dof]))
-        elif model.actuator_trntype[channel.actuator] == mujoco.mjtTrn.mjTRN_JOINT:
-            found.add(int(model.actuator_trnid[channel.actuator, 0]))
-    return sorted(found & set(scalar_joints(model)))
+    return sorted({moved_joint(plant, channel) for channel in plant.inputs} & set(scalar_joints(plant.model)))

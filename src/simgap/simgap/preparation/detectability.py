@@ -20,7 +20,6 @@ from simgap.analysis.options import Options
 from simgap.data.align import Aligned
 from simgap.data.errors import GapInputError
 from simgap.data.plant import Plant
-from simgap.data.supply import sways
 from simgap.effects.base import Context, Effect
 from simgap.effects.library import enumerate_effects
 from simgap.inference.fit import Fitter
@@ -30,7 +29,6 @@ from simgap.inference.residual import BROKEN, Residuals
 from simgap.inference.scores import PER_PARAMETER
 from simgap.simulation.horizon import usable_horizon
 from simgap.simulation.replay import Replayer
-from simgap.simulation.scales import measure_scales
 from simgap.simulation.variant import Variant
 from simgap.simulation.windows import HORIZON, HORIZON_HEAVY, WARM_UP, affordable, at_limit, cut, light
 
@@ -124,15 +122,7 @@ def detectability(
     if found is None:
         return []
     replayer, whole = found
-    context = Context(
-        plant,
-        measure_scales(replayer, nominal),
-        options.groups,
-        not aligned.enabled.all(),
-        sways(replayer.supply),
-        replayer.heat.measured,
-    )
-    effects = enumerate_effects(context)
+    effects = enumerate_effects(Context.of(replayer, nominal, options.groups))
     effects = _single(effects) if options.keep is None else [e for e in _first_forms(effects) if options.keep(e)]
     size = np.sqrt((aligned.inputs**2).mean(axis=0))
     nuisances = options.nuisances(plant, aligned.outputs.std(axis=0), size, aligned.period)

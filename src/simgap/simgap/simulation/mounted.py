@@ -62,16 +62,13 @@ class MountedBatch(mjbatch.Batch):
 
     def bind(self, name: str) -> NDArray[Any]:
         """A live array with the rows of the plain model."""
-        rows, whole = self._rows(name), super().bind(name)
-        if rows is None:
-            return whole
-        if name not in self._plain:
-            self._plain[name] = whole[:, rows]
-        return self._plain[name]
+        return self._live(name, self._rows(name), super().bind(name))
 
     def expand(self, name: str) -> NDArray[Any]:
         """A live array of values of each simulation, with the rows of the plain model."""
-        rows, whole = self._mounting.rows.get(name.split("_")[0].rstrip("0")), super().expand(name)
+        return self._live(name, self._mounting.rows_of(name), super().expand(name))
+
+    def _live(self, name: str, rows: NDArray[np.int64] | None, whole: NDArray[Any]) -> NDArray[Any]:
         if rows is None:
             return whole
         if name not in self._plain:
@@ -86,7 +83,7 @@ class MountedBatch(mjbatch.Batch):
         for name, values in self._plain.items():
             rows = self._rows(name)
             if rows is None:
-                super().expand(name)[:, self._mounting.rows[name.split("_")[0].rstrip("0")]] = values
+                super().expand(name)[:, self._mounting.rows_of(name)] = values
             elif name in ("qpos", "qvel", "qfrc_applied", "qacc_warmstart"):
                 super().bind(name)[:, rows] = values
 
