@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
 import traceback
@@ -39,6 +40,7 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     debug level.
     """
     name = Path(sys.argv[0]).stem
+    signal.signal(signal.SIGINT, _once_quietly)
     try:
         rclpy.init(args=args)
     except Exception as error:
@@ -66,6 +68,15 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
         status = _report(node, name, error)
     rclpy.try_shutdown()
     return status
+
+
+def _once_quietly(number: int, frame: object) -> None:
+    """SIGINT does what SIGTERM does: rclpy ends the context. The next one interrupts what hangs.
+
+    A KeyboardInterrupt comes up wherever Python happens to be, also in a finaliser or half-way through the making of
+    an object of rclpy, where nothing can be caught and a traceback is printed.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _make(factory: Callable[[], Node]) -> Node:

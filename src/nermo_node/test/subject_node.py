@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import time
 from typing import Literal, Self
 
+import rclpy
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -26,7 +28,7 @@ class Parameters(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     gain: float = Field(1.0, ge=0.0, le=2.0, description="A gain", json_schema_extra={"unit": "m"})
-    fails: Literal["", "constructor", "value", "callback", "signal", "end"] = ""
+    fails: Literal["", "constructor", "value", "callback", "signal", "interrupt", "hang", "end"] = ""
     shape: Shape = Shape()
 
     @model_validator(mode="after")
@@ -34,6 +36,12 @@ class Parameters(BaseModel):
         if self.gain == 1.5:
             raise ValueError("gain = 1.5 is unlucky")
         return self
+
+
+class Interrupted:
+    def __del__(self) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        sum(range(1000))
 
 
 class Subject(Node):
@@ -59,6 +67,15 @@ class Subject(Node):
         if self.values.fails == "signal":
             os.kill(os.getpid(), signal.SIGTERM)
             raise TypeError("what was interrupted")
+        if self.values.fails == "interrupt":
+            Interrupted()
+        if self.values.fails == "hang":
+            print("hangs", flush=True)
+            while rclpy.ok():
+                time.sleep(0.1)
+            print("still hangs", flush=True)
+            while True:
+                time.sleep(0.1)
         if self.values.fails == "end":
             raise SystemExit
 

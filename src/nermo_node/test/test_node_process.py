@@ -84,10 +84,23 @@ def test_a_signal_ends_it_cleanly(bench: GraphBench, start: Callable, number: si
     assert (process.returncode, "destroyed" in output, "Traceback" in output) == (0, True, False), output
 
 
-def test_what_a_signal_interrupts_is_no_fault(start: Callable) -> None:
-    process = start("-p", "fails:=signal")
+@pytest.mark.parametrize("fails", ["signal", "interrupt"])
+def test_what_a_signal_interrupts_is_no_fault(start: Callable, fails: str) -> None:
+    """Neither a callback, nor what ends an object, where nothing can be caught."""
+    process = start("-p", f"fails:={fails}")
     output, _ = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, [line for line in output.splitlines() if "[rcl]" not in line]) == (0, ["destroyed"])
+
+
+def test_what_hangs_is_interrupted_by_the_second_sigint(start: Callable) -> None:
+    process = start("-p", "fails:=hang")
+    assert process.stdout is not None
+    assert process.stdout.readline() == "hangs\n"
+    process.send_signal(signal.SIGINT)
+    assert process.stdout.readline() == "still hangs\n"
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, "destroyed" in output, "Traceback" in output) == (0, True, False), output
 
 
 @pytest.mark.parametrize(
