@@ -18,13 +18,16 @@ from typer.testing import CliRunner
 import simgap
 from simgap.analysis.diagnose import Diagnosis, diagnose, write_report
 from simgap.analysis.options import Options
+from simgap.blind.cases import Case
+from simgap.blind.recordings import simulate as recorded
 from simgap.cli import app
 from simgap.data.mapping import load_map
 from simgap.data.plant import build_plant, load_spec
 from simgap.data.recording import load_table, recording_from_table
 from simgap.inference.baselines import fit_everything
-from simgap.inference.fit import Fitter
+from simgap.inference.fit import MANY, Fitter
 from simgap.inference.hypothesis import Hypothesis
+from simgap.inference.model_selection import EVIDENCE
 from simgap.inference.nuisance import enumerate_nuisances
 from simgap.inference.residual import Residuals, channel_gap
 from simgap.simulation.replay import Replayer
@@ -69,6 +72,19 @@ def test_nuisances_take_up_nominal_numbers_that_are_off() -> None:
     before, after = (channel_gap(f.residual, residuals.mask) for f in (fitter.nominal, fit))
     assert before.max() > 3.0 and after.max() < 1.4
     assert np.abs(fit.z).max() < 2.0
+
+
+def test_many_numbers_are_fitted_to_their_end() -> None:
+    """A healthy camera of the blind check, whose gains were named where its 35 numbers were looked at once."""
+    table = recorded(Case("000", "camera", "none", (11, 1), 15.0, [])).columns
+    plant, aligned, floor = aligned_of("camera", table)
+    residuals = Residuals.build(Replayer(plant, aligned, cut(aligned), floor), Variant.nominal(plant))
+    swing, size = aligned.outputs.std(axis=0), np.sqrt((aligned.inputs**2).mean(axis=0))
+    fitter = Fitter(residuals, enumerate_nuisances(plant, swing, size, aligned.period))
+    assert len(fitter.nuisances) > MANY
+    fit = fitter.fit_nuisances()
+    fitter.refresh(fit.hypothesis, fit.x, fit.z, fit.residual)
+    assert fit.cost - fitter.fit(fit.hypothesis, fit.x, fit.z, known=fit.residual).cost < EVIDENCE
 
 
 def test_windows_in_which_nothing_was_recorded_are_not_fitted_or_scored() -> None:

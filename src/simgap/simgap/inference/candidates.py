@@ -183,7 +183,7 @@ class Candidates:
         models = [fitter.variant(f.hypothesis, f.x, f.z) for f in (reference.fit, *reversed(leaders), *beside)]
         fitter.update_start(*models)
         again = []
-        margin = self._hopeless(reference, singles[0])
+        margin = self.hopeless(reference, singles[0])
         hopeful = [s for s in singles[: self.effort.finalists] if s.score < singles[0].score + margin]
         promising = [Hypothesis((f.effect,)).key for f in favourites]
         hopeful += [s for s in singles if s.key in promising and s not in hopeful]
@@ -237,7 +237,7 @@ class Candidates:
         return self.scores.scored(self.fitter.cross_validate(min(fits, key=lambda f: f.cost)))
 
     @staticmethod
-    def _hopeless(without: Scored, best: Scored) -> float:
+    def hopeless(without: Scored, best: Scored) -> float:
         """How far [nats] behind the best of a round a candidate may be and still be refitted."""
         return max(HOPELESS, FAR * (without.score - best.score))
 
@@ -262,7 +262,7 @@ class Candidates:
         if not pairs:
             return []
         pairs = self._swapped(pairs, screened)
-        margin = self._hopeless(base, pairs[0])
+        margin = self.hopeless(base, pairs[0])
         hopeful = [p for p in pairs[:2] if p.score < pairs[0].score + margin]
         # Fits start where the older effect's nominal numbers are, and may stop short; not where partners were compared.
         favourites = partners[: 0 if self.effort.twice else FAVOURITES]
@@ -340,13 +340,14 @@ class Candidates:
         better = self.scores.scored(fitter.polish(fitter.fit(fit.hypothesis, x, z, 4)))
         return better if better.fit.cost < fit.cost else scored
 
-    def begun_from(self, scored: Scored, z: Array) -> Scored:
-        """The same effects, fitted anew from another hypothesis's nominal numbers ``z`` where that takes them further.
+    def begun_from(self, scored: Scored, leader: Scored, reach: float) -> Scored:
+        """The same effects, fitted anew from a leader's nominal numbers where that takes them further.
 
         Of many numbers, on rough ground, each start has a valley of its own: who is compared begins where the other is.
+        Who is behind the leader there by more than ``reach`` [nats] is not fitted on.
         """
-        fit = self.fitter.fit(scored.fit.hypothesis, scored.fit.x, z, roughly=True)
-        if fit.cost > scored.fit.cost + HOPELESS:
+        fit = self.fitter.fit(scored.fit.hypothesis, scored.fit.x, leader.fit.z, roughly=True)
+        if fit.cost > min(scored.fit.cost + HOPELESS, leader.fit.cost + reach):
             return scored
         better = self.scores.scored(self.fitter.polish(fit))
         return better if better.fit.cost < scored.fit.cost else scored

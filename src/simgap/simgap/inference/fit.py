@@ -44,11 +44,16 @@ _LARGER = (1.0, 1.5, 2.2, 3.3)
 """Where nuisances do a part of what an effect does, the whole effect is so much larger."""
 _VALLEY = 0.05
 """[nats] Polishing ends when a round gains less."""
-MANY, _MOVED = 24, 0.5
-"""Of more than so many nuisances, a second look is had at those that are this many standard deviations off."""
-_MANY_LANDING = 48
-"""The same of a robot that lands, where what one number does is another matter beside others: with a second look at
-those that had moved alone a mouse's 29 and 36 numbers stopped 206 and 259 nats short of where all of them end."""
+MANY = 24
+"""With more nuisances than this, what they answer is computed by one factorisation, and dull ones are left out."""
+_ALL, _MOVED = 48, 0.5
+"""Of more than so many nuisances, a second look is had at those that are this many standard deviations off; of fewer,
+at all, for what one number does is another matter beside others. With a second look at those that had moved alone a
+mouse's 29 and 36 numbers stopped 206 and 259 nats short of where all of them end; with none at all the 25 of a healthy
+camera stopped 50 nats short, and its servos' gains, as an effect, earned these."""
+_DULL = 0.1
+"""[nats] Of a robot that lands with more than MANY numbers, a number is not tried again in windows that it moved by
+less than this, off by a standard deviation, both as modelled and beside what fits: a servo's gain where that stands."""
 _WORTH = 3.0
 """[nats] Of more than MANY nuisances, one that moves the data by less than this when it is off by a whole standard
 deviation is left out: neither can it explain a gap, nor can this recording say what it is."""
@@ -78,6 +83,8 @@ class Fitter:
         self.recorded: NDArray[np.bool_] = np.asarray(residuals.mask.any(axis=1))
         self.likelihood = Likelihood(self.recorded, np.full(residuals.mask.shape[2], 4.0))
         self.jacobian = np.zeros((len(self.nuisances), *residuals.mask.shape), np.float32)
+        self._dull: NDArray[np.bool_] | None = None
+        """(nn, nw) Where a number tells so little that its sensitivity is not looked at again."""
         self.nominal: Fit | None = None
         self.lost: list[float] = []
         """What each cross-validated fit lost [nats] by not having seen a window."""
@@ -211,6 +218,16 @@ class Fitter:
         found = self.jacobian.copy()
         signs = np.where(z > 0, -1.0, 1.0)
         rows = np.arange(len(z)) if which is None else np.flatnonzero(which)
+        if self._dull is not None:
+            for i in rows:
+                moved, windows = z.copy(), np.flatnonzero(~self._dull[i])
+                if not len(windows):
+                    continue
+                moved[i] += signs[i] * self._step
+                change = self.replay(hypothesis, [(x, moved)], windows)[0] - residual[windows]
+                found[i][windows] = change / (signs[i] * self._step)
+            self.jacobian = found
+            return
         for first in range(0, len(rows), 16):
             part, points = rows[first : first + 16], []
             for i in part:
@@ -223,7 +240,7 @@ class Fitter:
 
     def moved(self, fit: Fit) -> NDArray[np.bool_] | None:
         """Nuisances whose sensitivities a fit may have changed: of many those that it moved, else all (None)."""
-        return np.abs(fit.z) > _MOVED if len(fit.z) > (_MANY_LANDING if self.lands else MANY) else None
+        return np.abs(fit.z) > _MOVED if len(fit.z) > _ALL else None
 
     def _leave_out(self) -> None:
         """Leave out nuisances that hardly move the data, by their sensitivities about the nominal model."""
@@ -237,6 +254,12 @@ class Fitter:
         self.left_out = [self.nuisances[i] for i in np.flatnonzero(worth <= _WORTH)]
         self.nuisances = [self.nuisances[i] for i in kept]
         self.jacobian, self.nominal.z = self.jacobian[kept], self.nominal.z[kept]
+
+    def _dull_about(self, fit: Fit) -> NDArray[np.bool_]:
+        """See `_dull`, from the sensitivities about the nominal model and about numbers that fit."""
+        weight = self.weights(self.mean_square(fit.residual))[:, None, :]
+        told = [0.5 * (j.astype(float) ** 2 * weight).sum(axis=(2, 3)) for j in (self.nominal_jacobian, self.jacobian)]
+        return np.maximum(*told) < _DULL
 
     # -- fits ----------------------------------------------------------------------------------------------------
 
@@ -253,11 +276,13 @@ class Fitter:
         fit = Fit(empty, none, z, self.cost(residual, z), residual, np.zeros((0, *residual.shape)))
         self.nominal = fit
         hurried = False
-        for round_ in range(_ROUNDS if self.lands or len(z) <= MANY else 1):
+        for round_ in range(_ROUNDS):
             self.refresh(empty, none, fit.z, fit.residual, self.moved(fit) if round_ else None)
             if round_ == 0:
                 self._leave_out()
                 self.nominal_jacobian = self.jacobian.copy()
+            if round_ == 1 and self.lands and len(fit.z) > MANY:
+                self._dull = self._dull_about(fit)
             before, fit = fit.cost, self.fit(empty, none, fit.z, iterations=4, known=fit.residual)
             if before - fit.cost < _SETTLED and round_ > 0:
                 break
@@ -474,16 +499,16 @@ class Fitter:
 
     def _left_out_jacobian(self, fit: Fit) -> Array:
         """Sensitivities (n, nw, ns, nl) to the nuisances that are left out, about a fit."""
-        kept, jacobian = self.nuisances, self.jacobian
+        kept, jacobian, dull = self.nuisances, self.jacobian, self._dull
         which = np.arange(len(kept) + len(self.left_out)) >= len(kept)
         try:
-            self.nuisances = [*kept, *self.left_out]
+            self.nuisances, self._dull = [*kept, *self.left_out], None
             self.jacobian = np.zeros((len(which), *fit.residual.shape), np.float32)
             z = np.concatenate([fit.z, np.zeros(len(self.left_out))])
             self.refresh(fit.hypothesis, fit.x, z, fit.residual, which)
             return self.jacobian[which].astype(float)
         finally:
-            self.nuisances, self.jacobian = kept, jacobian
+            self.nuisances, self.jacobian, self._dull = kept, jacobian, dull
 
     def sensitivities(
         self, hypothesis: Hypothesis, x: Array, z: Array, residual: Array, select: Ints | None = None

@@ -194,18 +194,15 @@ def earns(
         # In sample flatters: what is not earned there is an accident of the folds.
         gain = min(gain, without.fit.cost - with_.fit.cost)
     strain = without.fit.prior - with_.fit.prior
-    before, after = (scores.left(s.fit) for s in (without, with_))
-    shares = [(measure(before), measure(after)) for measure in (scores.typical, scores.overall)]
     if several:
+        shares = _shares(scores, without, with_)
         relevant = any(less - 1.0 < (1.0 - MORE) * (much - 1.0) for much, less in shares)
         relevant |= gain > FURTHER * first
         # About corrected numbers strain says nothing: they are where a fit ended, and not what anybody drew.
         strained = bool(without.fit.strained) and strain > EVIDENCE and scores.written == 0.0
         relevant |= unrivalled or strained
     else:
-        shares.append((scores.gap(before), scores.gap(after)))
-        relevant = any(less < (1.0 - RELEVANT) * much for much, less in shares) or strain > EVIDENCE
-        relevant |= any(less - 1.0 < (1.0 - MOST) * (much - 1.0) for much, less in shares if much > 1.0)
+        relevant = takes_a_part(scores, without, with_)
     price = float(np.log(max(looked_at, 1)))
     if gain <= max((EVIDENCE_MORE if several else EVIDENCE) + price, BEST_OF_SEVERAL * scores.roughness):
         return False
@@ -213,6 +210,21 @@ def earns(
     if low <= 0.0 and scores.without_best(without.fit, with_.fit) <= EVIDENCE_MORE + price:
         return False
     return relevant or (not several and _predicts(scores, without.fit, with_.fit))
+
+
+def takes_a_part(scores: Scores, without: Scored, with_: Scored) -> bool:
+    """Whether a first effect takes a part of the gap that is worth a name, windows being what shows it."""
+    strain = without.fit.prior - with_.fit.prior
+    before, after = (scores.left(s.fit) for s in (without, with_))
+    shares = [*_shares(scores, without, with_), (scores.gap(before), scores.gap(after))]
+    taken = any(less < (1.0 - RELEVANT) * much for much, less in shares) or strain > EVIDENCE
+    return taken or any(less - 1.0 < (1.0 - MOST) * (much - 1.0) for much, less in shares if much > 1.0)
+
+
+def _shares(scores: Scores, without: Scored, with_: Scored) -> list[tuple[float, float]]:
+    """[noise floors] What two fits leave, by two measures of a typical window."""
+    before, after = (scores.left(s.fit) for s in (without, with_))
+    return [(measure(before), measure(after)) for measure in (scores.typical, scores.overall)]
 
 
 def _predicts(scores: Scores, without: Fit, with_: Fit) -> bool:

@@ -42,22 +42,25 @@ class Proposals:
         """Starts of windows are judged anew: what was seen at a glance was whitened by their errors as before."""
         self._glance = Glance()
 
-    def about_nominal(self) -> list[Screened]:
-        """Screen about the untouched nominal model: the nuisances' best fit may have swallowed half of an effect."""
+    def screened(self, reference: Fit) -> list[Screened]:
+        """Screen about the untouched nominal model: the nuisances' best fit may have swallowed half of an effect.
+
+        Of what lands, about that fit, the ``reference``: there a change is not what it is about nominal numbers.
+        """
         fitter = self._fitter
         assert fitter.nominal is not None
+        if self._effort.twice:
+            return self._screened(reference, Glance())
         with fitter.sensitivities_kept():
             fitter.jacobian = fitter.nominal_jacobian
-            return self._screened(fitter.nominal, (0.0, 0.5 if self._effort.twice else 1.0), Glance())
+            return self._screened(fitter.nominal, Glance())
 
     def most_promising(self, screened: Sequence[Screened], reference: Fit) -> list[Start]:
-        """The starts to fit: the best of a screening, or also of one about ``reference`` where the effort says so."""
+        """The starts to fit: the best of a screening, or of them the best of a comparison where the effort says so."""
         starts = [(s.effect, s.x, s.z) for s in screened[: self._effort.survivors]]
         if not self._effort.twice:
             return starts
-        # Afresh: about numbers that fit, of what lands, a change is not what it is about nominal ones.
-        other = self._screened(reference, (0.5, 1.0), Glance())
-        foremost = [s for one in (screened, other) for s in _foremost(one, self._effort.survivors)]
+        foremost = _foremost(screened, self._effort.survivors)
         # What numbers a screening promises an effect is a guess; beside those that fit without it, it often shows more.
         starts = [(s.effect, s.x, z) for s in foremost for z in (s.z, reference.z)]
         starts += with_own_as_modelled(self._fitter, [(s.effect, s.x) for s in foremost], reference.z)
@@ -146,13 +149,12 @@ class Proposals:
             further.append(fitted(fit.hypothesis, fit.x, fit.z, known))
         return sorted(further, key=lambda f: f.cost)
 
-    def _screened(self, fit: Fit, span: tuple[float, float], glance: Glance) -> list[Screened]:
-        low, high = span
+    def _screened(self, fit: Fit, glance: Glance) -> list[Screened]:
         return screen(
             self._fitter,
             fit,
             self._effects,
-            lambda share: self._say("screen", low + (high - low) * share),
+            lambda share: self._say("screen", share),
             self._effort.hopeful,
             thorough=self._effort.twice,
             windows=COMPARED if self._effort.twice else WINDOWS,

@@ -15,6 +15,7 @@ from simgap.inference.budget import SEARCH, Budget, OutOfTimeError
 from simgap.inference.candidates import (
     FAVOURITES,
     FIT_WINDOWS,
+    HOPELESS,
     MANY_PARAMETERS,
     Candidates,
     Hint,
@@ -52,6 +53,8 @@ _EXCHANGED = 3
 """The first so many begin from the same nominal numbers."""
 _KINDS = 6
 """And of so many kinds of effects the best one."""
+_SETTLED_TOO = 2.0 * HOPELESS
+"""[nats] So far behind the winner they go through the last fit as well."""
 _BY_CHANCE = 2.0 * math.sqrt(2.0)
 """Standard deviations of a cost: two of a difference."""
 _BEHIND = 0.9
@@ -243,7 +246,7 @@ class Selector:
         return other if self._better(other, found) else found
 
     def _compete(self, reference: Scored, begun: Selection | None) -> Selection:
-        screened = self.proposals.about_nominal()
+        screened = self.proposals.screened(reference.fit)
         self._found = replace(self._found, screened=screened)
         starts = self.proposals.most_promising(screened, reference.fit)
         singles = self.candidates.fitted([*self.candidates.hinted(self._hints), *starts], reference)
@@ -252,8 +255,6 @@ class Selector:
             singles, reference, screened[:FAVOURITES], [begun.best.fit] if begun else []
         )
         self.proposals.forget()
-        if self._effort.twice and singles and singles[0].score < reference.score:
-            reference = self.candidates.without(singles[:_EXCHANGED], reference)
         gap = self._nominal_gap()
         result = replace(self._found, reference=reference, nominal_gap=gap, best=reference, singles=singles)
         self._found = replace(result)
@@ -326,7 +327,9 @@ class Selector:
 
     def _restarted(self, scored: Scored) -> Scored:
         """A winner that leaves much, begun anew from values about its own; of many numbers, from other numbers."""
-        if self._effort.twice:
+        import os
+
+        if self._effort.twice and os.environ.get("REST"):
             scored = self.candidates.rested(scored)
         return self.candidates.restarted(scored) if self.scores.typical(scored.fit.held) > ENOUGH else scored
 
@@ -342,7 +345,8 @@ class Selector:
         close = indistinct(without.score - winner.score)
         near = [min(s.score - winner.score, s.fit.cost - winner.fit.cost) < close for s in others[: _EXCHANGED - 1]]
         winner = self._restarted(winner)
-        begun = [self.candidates.begun_from(s, winner.fit.z) if n else s for s, n in zip(others, near, strict=False)]
+        reach = self.candidates.hopeless(without, winner)
+        begun = [self.candidates.begun_from(s, winner, reach) if n else s for s, n in zip(others, near, strict=False)]
         others = [self._restarted(s) if n else s for s, n in zip(begun, near, strict=True)] + others[len(near) :]
         ended = sorted([winner, *others], key=by_score)
         return ended, simplest(self.scores, ended, without, self._sites) or winner
@@ -446,6 +450,7 @@ class Selector:
         """
         old = result.best
         near = [r for r in result.rivals if r.key != old.key][: _EXCHANGED - 1]
+        near = [r for r in near if r.score < old.score + _SETTLED_TOO]
         if not self._effort.twice or self.budget.left_out:
             near = []
         best, *settled = (self._settled(s) for s in (old, *near))
@@ -497,12 +502,12 @@ class Selector:
             (self.candidates.to_the_end(s) if t else s for s, t in zip(scored, tied, strict=True)), key=by_score
         )
         if self._effort.twice:
-            again = self._exchanged(again)
+            again = self._exchanged(again, without)
         chosen = simplest(self.scores, again, without, self._sites)
         assert chosen is not None
         return again, chosen
 
-    def _exchanged(self, scored: list[Scored]) -> list[Scored]:
+    def _exchanged(self, scored: list[Scored], without: Scored) -> list[Scored]:
         """The first few, and the best of each kind, begun from the leader's nominal numbers too; best first.
 
         Numbers that are fitted about one effect are open to all. Beside its own a mouse's soft ankles had stopped 200
@@ -511,5 +516,6 @@ class Selector:
         kinds = {s.fit.hypothesis.effects[0].name: s for s in reversed(scored)}
         chosen = {s.key for s in (*scored[:_EXCHANGED], *sorted(kinds.values(), key=by_score)[:_KINDS])}
         first, *others = scored
-        begun = [self.candidates.begun_from(s, first.fit.z) if s.key in chosen else s for s in others]
+        reach = self.candidates.hopeless(without, first)
+        begun = [self.candidates.begun_from(s, first, reach) if s.key in chosen else s for s in others]
         return sorted([first, *begun], key=by_score)
