@@ -46,8 +46,8 @@ MANY_PARAMETERS = 6
 """Hypotheses with more are fitted in some windows first, and in all only where that promises something."""
 ITERATIONS = 15
 """Of a fit of what single parts speak for together, which has many parameters; most take no new sensitivities."""
-_RESTED, _RESTS = (0.0, 0.5), 3
-"""Shares of nominal numbers beside which an effect is begun anew, and how often at most."""
+_RESTED = (0.0, 0.5)
+"""Shares of nominal numbers beside which an effect is begun anew."""
 TOGETHER = 4
 """Kinds of effects, at most, that single parts speak for and that are tried together."""
 
@@ -349,27 +349,26 @@ class Candidates:
         fit = self.fitter.fit(scored.fit.hypothesis, scored.fit.x, leader.fit.z, roughly=True)
         if fit.cost > min(scored.fit.cost + HOPELESS, leader.fit.cost + reach):
             return scored
-        better = self.scores.scored(self.fitter.polish(fit))
-        return better if better.fit.cost < scored.fit.cost else scored
+        return self._nearer(scored, self.scores.scored(self.fitter.polish(fit)))
+
+    def _nearer(self, one: Scored, other: Scored) -> Scored:
+        """Of two ends of one fit the one that costs less."""
+        if one.fit.polished:
+            self.scores.ends.append(abs(one.fit.cost - other.fit.cost))
+        return other if other.fit.cost < one.fit.cost else one
 
     def rested(self, scored: Scored) -> Scored:
-        """The same effects, begun anew beside nominal numbers that are less far off, as long as that ends further.
+        """The same effects, begun anew beside nominal numbers that are less far off, if that ends further.
 
         Numbers that were fitted without an effect have taken a part of it, and on rough ground no slope leads back: a
         fit that began beside them found 4 of 10 mm.
         """
-        fitter = self.fitter
-        for _ in range(_RESTS):
-            fit = scored.fit
-            fits = [fitter.fit(fit.hypothesis, fit.x, share * fit.z, roughly=True) for share in _RESTED]
-            again = min(fits, key=lambda f: f.cost)
-            if again.cost > fit.cost + HOPELESS:
-                break
-            better = self.scores.scored(fitter.polish(again, rounds=2))
-            if better.fit.cost > fit.cost - EVIDENCE:
-                return min(better, scored, key=lambda s: s.fit.cost)
-            scored = better
-        return scored
+        fitter, fit = self.fitter, scored.fit
+        fits = [fitter.fit(fit.hypothesis, fit.x, share * fit.z, roughly=True) for share in _RESTED]
+        again = min(fits, key=lambda f: f.cost)
+        if again.cost > fit.cost + HOPELESS:
+            return scored
+        return self._nearer(scored, self.scores.scored(fitter.polish(again)))
 
     def without(self, singles: Sequence[Scored], reference: Scored) -> Scored:
         """Nominal numbers alone, begun where those beside effects are, if that takes them further.
@@ -382,8 +381,7 @@ class Candidates:
         fit = min(begun, key=lambda f: f.cost, default=reference.fit)
         if fit.cost > reference.fit.cost + HOPELESS:
             return reference
-        better = self.scores.scored(fitter.polish(fit, rounds=self.effort.rounds))
-        return better if better.fit.cost < reference.fit.cost else reference
+        return self._nearer(reference, self.scores.scored(fitter.polish(fit, rounds=self.effort.rounds)))
 
     def restarted(self, scored: Scored) -> Scored:
         """A winner, begun anew from values about its own, one at a time, nominal numbers as they are or untouched."""

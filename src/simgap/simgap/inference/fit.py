@@ -314,6 +314,7 @@ class Fitter:
             gain, fit = fit.cost - better.cost, better
             if gain < _VALLEY:
                 break
+        fit.polished = True
         return self.cross_validate(fit)
 
     def _at_rest(self, fit: Fit) -> tuple[Array, Array]:

@@ -88,6 +88,7 @@ class Fit:
         likelihood: (nw,) held-out cost [nats] of every window, of an effect that predicts its own scatter.
         hidden: of such an effect, what the data would gain if nominal numbers might be off twice as far, as a share of
             what the effect gains.
+        polished: whether it went on from an end with sensitivities that were taken there.
     """
 
     hypothesis: Hypothesis
@@ -103,6 +104,7 @@ class Fit:
     fold_z: Array = field(default_factory=lambda: np.zeros((0, 0)))
     likelihood: Array | None = None
     hidden: float = 0.0
+    polished: bool = False
 
     @property
     def prior(self) -> float:

@@ -22,6 +22,9 @@ COMPARED = 10
 """Windows of the usual length in which what is proposed is compared, where much is."""
 _GLIMPSE, _SECOND = 2, 0.3
 """Steps of a fit after which what is proposed is compared, and the share that takes as many more."""
+_HALFWAY, _FAR_OFF = 0.5, 8.0
+"""Share of the numbers that fit from which what is proposed begins too, and what [nats] they must cost for that. Beside
+a mouse's own, a shifted COM gained 4 nats in a rough fit; from halfway back 64."""
 _LEADING, _AKIN = 3, 8
 """Of so many that lead where effects are compared, of partners the first, so many next to them are compared too."""
 _LOOSE = 4
@@ -42,25 +45,28 @@ class Proposals:
         """Starts of windows are judged anew: what was seen at a glance was whitened by their errors as before."""
         self._glance = Glance()
 
-    def screened(self, reference: Fit) -> list[Screened]:
-        """Screen about the untouched nominal model: the nuisances' best fit may have swallowed half of an effect.
-
-        Of what lands, about that fit, the ``reference``: there a change is not what it is about nominal numbers.
-        """
+    def about_nominal(self) -> list[Screened]:
+        """Screen about the untouched nominal model: the nuisances' best fit may have swallowed half of an effect."""
         fitter = self._fitter
         assert fitter.nominal is not None
-        if self._effort.twice:
-            return self._screened(reference, Glance())
         with fitter.sensitivities_kept():
             fitter.jacobian = fitter.nominal_jacobian
-            return self._screened(fitter.nominal, Glance())
+            return self._screened(fitter.nominal, (0.5 if self._effort.twice else 0.0, 1.0))
 
-    def most_promising(self, screened: Sequence[Screened], reference: Fit) -> list[Start]:
-        """The starts to fit: the best of a screening, or of them the best of a comparison where the effort says so."""
+    def about(self, reference: Fit) -> list[Screened]:
+        """Screen about the nominal numbers' best fit, where the effort says so.
+
+        Of what lands a change is not what it is about nominal numbers. If this is done first, the glance of the other
+        screening takes changes from here, and differs in what it holds them against.
+        """
+        return self._screened(reference, (0.0, 0.5)) if self._effort.twice else []
+
+    def most_promising(self, screened: Sequence[Screened], beside: Sequence[Screened], reference: Fit) -> list[Start]:
+        """The starts to fit: the best of a screening, or the best of a comparison where there is one ``beside`` it."""
         starts = [(s.effect, s.x, s.z) for s in screened[: self._effort.survivors]]
         if not self._effort.twice:
             return starts
-        foremost = _foremost(screened, self._effort.survivors)
+        foremost = [s for one in (screened, beside) for s in _foremost(one, self._effort.survivors)]
         # What numbers a screening promises an effect is a guess; beside those that fit without it, it often shows more.
         starts = [(s.effect, s.x, z) for s in foremost for z in (s.z, reference.z)]
         starts += with_own_as_modelled(self._fitter, [(s.effect, s.x) for s in foremost], reference.z)
@@ -115,7 +121,8 @@ class Proposals:
     def _compared(self, starts: Sequence[Start], base: Fit, stage: str) -> list[Fit]:
         """``base`` with each effect from the better of its starts, as far as a few steps of a fit take it; leaders on.
 
-        By the sensitivities about the nominal numbers or about the base's, whichever are nearer.
+        And from halfway back to nominal numbers, where the base's are far off: they hide what they made up for, and no
+        slope leads back. By the sensitivities about the nominal numbers or about the base's, whichever are nearer.
         """
         fitter = self._fitter
         assert fitter.nominal is not None
@@ -128,19 +135,24 @@ class Proposals:
                     fitter.jacobian = fitter.nominal_jacobian
                 return fitter.fit(hypothesis, x, z, _GLIMPSE, known, select=select, roughly=True)
 
-        best: dict[int, tuple[float, tuple[Hypothesis, Array, Array, Array]]] = {}
+        half = _HALFWAY * base.z
+        if base.prior > _FAR_OFF:
+            own_starts = {(id(e), tuple(x)): (e, x, half) for e, x, _ in starts}
+            starts = [*starts, *own_starts.values()]
+        best: dict[tuple[int, bool], tuple[float, tuple[Hypothesis, Array, Array, Array]]] = {}
         for i, (effect, own, z) in enumerate(starts):
             self._say(stage, 0.2 * i / len(starts))
             hypothesis, x = base.hypothesis.with_effect(effect), np.concatenate([base.x, own])
             residual = fitter.replay(hypothesis, [(x, z)], select)[0]
-            cost = fitter.cost(residual, z, select)
-            if id(effect) not in best or cost < best[id(effect)][0]:
-                best[id(effect)] = cost, (hypothesis, x, z, residual)
-        fits = []
+            cost, which = fitter.cost(residual, z, select), (id(effect), z is half)
+            if which not in best or cost < best[which][0]:
+                best[which] = cost, (hypothesis, x, z, residual)
+        begun = []
         for i, (_, start) in enumerate(best.values()):
             self._say(stage, 0.2 + 0.6 * i / len(best))
-            fits.append(fitted(*start))
-        fits.sort(key=lambda f: f.cost)
+            begun.append(fitted(*start))
+        begun.sort(key=lambda f: -f.cost)
+        fits = sorted({f.hypothesis.key: f for f in begun}.values(), key=lambda f: f.cost)
         leaders = fits[: max(round(_SECOND * len(fits)), self._effort.survivors)]
         further = []
         for i, fit in enumerate(leaders):
@@ -149,16 +161,17 @@ class Proposals:
             further.append(fitted(fit.hypothesis, fit.x, fit.z, known))
         return sorted(further, key=lambda f: f.cost)
 
-    def _screened(self, fit: Fit, glance: Glance) -> list[Screened]:
+    def _screened(self, fit: Fit, span: tuple[float, float]) -> list[Screened]:
+        low, high = span
         return screen(
             self._fitter,
             fit,
             self._effects,
-            lambda share: self._say("screen", share),
+            lambda share: self._say("screen", low + (high - low) * share),
             self._effort.hopeful,
             thorough=self._effort.twice,
             windows=COMPARED if self._effort.twice else WINDOWS,
-            glance=glance,
+            glance=self._glance,
         )
 
 

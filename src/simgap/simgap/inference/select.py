@@ -112,7 +112,8 @@ class Selector:
         """``before``: of the model that this one corrects, in the same windows."""
         self._hints, self._heard, self._before = list(hints), heard, before
         self._effort, self.budget = effort or Effort(), budget or Budget()
-        self.fitter, self.effects, self.scores, self.seed = fitter, list(effects), Scores(fitter, seed, left), seed
+        self.fitter, self.effects, self.seed = fitter, list(effects), seed
+        self.scores = Scores(fitter, seed, left, in_sample=self._effort.twice and fitter.lands)
         fitter.budget = self.budget
         self.candidates = Candidates(fitter, self.effects, self.scores, self._effort, self.budget.watch(progress))
         self.proposals = Proposals(fitter, self.effects, self._effort, self.candidates.say)
@@ -246,9 +247,9 @@ class Selector:
         return other if self._better(other, found) else found
 
     def _compete(self, reference: Scored, begun: Selection | None) -> Selection:
-        screened = self.proposals.screened(reference.fit)
+        beside, screened = self.proposals.about(reference.fit), self.proposals.about_nominal()
         self._found = replace(self._found, screened=screened)
-        starts = self.proposals.most_promising(screened, reference.fit)
+        starts = self.proposals.most_promising(screened, beside, reference.fit)
         singles = self.candidates.fitted([*self.candidates.hinted(self._hints), *starts], reference)
         self._found = replace(self._found, singles=singles)
         singles, reference = self.candidates.finals(
