@@ -35,6 +35,7 @@ from simgap.inference.nuisance import Nuisance, Number, enumerate_nuisances
 from simgap.inference.residual import Residuals
 from simgap.inference.scores import Scores
 from simgap.inference.select import Selection
+from simgap.inference.verdict import judge
 from simgap.simulation.replay import Replayer
 from simgap.simulation.scales import measure_scales
 from simgap.simulation.variant import Variant
@@ -246,6 +247,26 @@ def _fitted(factor: float, only: str = "", floors: tuple[float, float] = (1.0, 1
     chosen = [n for n in nuisances if n.name.startswith(only)]
     fitter = Fitter(Residuals.build(replayer, Variant.nominal(plant)), chosen)
     return calibration(fitter, fitter.cross_validate(fitter.fit_nuisances()))
+
+
+def test_what_takes_a_trifle_contradicts_no_calibration(monkeypatch: pytest.MonkeyPatch) -> None:
+    def off(model: mujoco.MjModel) -> None:
+        model.body_mass[2] *= 1.05
+        model.body_inertia[2] *= 1.05
+        model.dof_damping[:] *= 0.95
+
+    plant = plant_of("arm")
+    recording = recording_from_table(simulate("arm", 8.0, change=off), plant)
+    options = Options(only=("mass", "viscous_friction", "servo_gain"), max_windows=12, baselines=False, threads=1)
+    found = diagnose([recording], plant, options)
+    alone = found.report["probabilities"]["nominal numbers"]
+    assert (found.verdict.kind, found.verdict.probability) == ("calibration", pytest.approx(1.0))
+    assert alone < 0.99
+    # A robot that lands hides what is wrong with it in its numbers.
+    monkeypatch.setattr(found.selector.fitter, "lands", True)
+    landed = judge(found.selector, found.selection)
+    assert landed.probability == pytest.approx(sum(c.probability for c in landed.classes if not c.names))
+    assert landed.probability < 0.99
 
 
 def test_a_mass_that_is_off_is_said_with_its_interval_and_its_share() -> None:

@@ -108,3 +108,20 @@ def test_what_a_number_changes_as_an_effect_does_becomes_the_effects_and_the_mod
     values = np.full(len(both.parameters), 0.7)
     untouched = own_moved_into(fitter, both, values, z)
     assert np.array_equal(untouched[0], values) and np.array_equal(untouched[1], z)
+
+
+def test_a_number_is_not_tried_again_where_it_tells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitter, _ = _prepared()
+    z, nothing, none = np.full(len(fitter.nuisances), 0.3), Hypothesis(), np.zeros(0)
+    residual = fitter.replay(nothing, [(none, z)])[0]
+    before = fitter.jacobian
+    fitter.refresh(nothing, none, z, residual)
+    everywhere = fitter.jacobian
+    dull = np.zeros(before.shape[:2], bool)
+    dull[0, 2:], dull[1] = True, True
+    monkeypatch.setattr(fitter, "_dull", dull)
+    fitter.jacobian = before
+    fitter.refresh(nothing, none, z, residual)
+    assert not np.array_equal(before[0], everywhere[0])
+    np.testing.assert_array_equal(fitter.jacobian[dull], before[dull])
+    np.testing.assert_allclose(fitter.jacobian[~dull], everywhere[~dull], rtol=1e-5, atol=1e-5)

@@ -286,6 +286,31 @@ def test_partners_are_compared_by_a_few_steps_where_many_numbers_are_off(
     assert "coulomb_friction@hinge" not in {e.key for e, _, _ in partners}
 
 
+@pytest.mark.parametrize("far", [True, False])
+def test_what_is_compared_begins_halfway_back_where_numbers_are_far_off(
+    drag_and_friction: tuple[Plant, Diagnosis], monkeypatch: pytest.MonkeyPatch, far: bool
+) -> None:
+    _, found = drag_and_friction
+    selector, fitter = found.selector, found.selector.fitter
+    reference = found.selection.reference.fit
+    bent = np.where(np.arange(len(reference.z)) % 2, 1.0, -1.0) * (BOX if far else 0.1)
+    base = replace(reference, z=bent)
+    drag = next(e for e in selector.effects if e.key == "viscous_friction@hinge")
+    begun: list[np.ndarray] = []
+    fit = fitter.fit
+
+    def watched(hypothesis: Hypothesis, x: np.ndarray, z: np.ndarray, *args: Any, **options: Any) -> Fit:
+        begun.append(z)
+        return fit(hypothesis, x, z, *args, **options)
+
+    monkeypatch.setattr(fitter, "fit", watched)
+    proposals = Proposals(fitter, selector.effects, Effort(twice=True), lambda stage, share: None)
+    best = proposals._compared([(drag, np.array(drag.starts()[0]), base.z)], base, "compare")
+    assert [f.hypothesis.key for f in best] == ["viscous_friction@hinge"], "the better end of the two stays"
+    assert any(np.array_equal(z, 0.5 * bent) for z in begun) == far
+    assert any(np.array_equal(z, bent) for z in begun)
+
+
 def test_the_law_next_to_the_partner_that_screened_best_is_compared_too(
     drag_and_friction: tuple[Plant, Diagnosis], monkeypatch: pytest.MonkeyPatch
 ) -> None:

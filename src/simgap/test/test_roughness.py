@@ -70,6 +70,34 @@ def test_where_scores_are_rough_a_fit_is_told_by_what_it_saw_at_a_price_for_each
         assert scores.telling(fit).sum() == pytest.approx(by_hand), "here every window was held out once"
 
 
+def test_fits_that_ended_twice_say_how_rough_it_is(
+    made: tuple[Fitter, Scores, Fit, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fitter, scores, *_ = made
+    _make_rough(fitter, monkeypatch)
+    by_folds = scores.roughness
+    # The size of the difference of two normal variables is 0.6745 sqrt(2) standard deviations in the median.
+    drawn = np.random.default_rng(0).normal(0.0, 3.0, (2, 4000))
+    monkeypatch.setattr(scores, "ends", np.abs(drawn[0] - drawn[1]).tolist())
+    assert scores.roughness == pytest.approx(3.0, rel=0.05)
+    monkeypatch.setattr(scores, "ends", [0.1, 0.2, 0.3])
+    assert scores.roughness == by_folds, "three are too few"
+    monkeypatch.setattr(fitter, "lands", False)
+    assert scores.roughness == 0.0
+
+
+def test_where_fits_are_ranked_in_sample_the_score_is_what_is_told(
+    made: tuple[Fitter, Scores, Fit, Fit],
+) -> None:
+    fitter, held_out, *fits = made
+    in_sample = Scores(fitter, in_sample=True)
+    for fit in fits:
+        seen = float(fitter.data_cost(fitter.mean_square(fit.residual)))
+        assert in_sample.costs(fit)[0] == pytest.approx(seen + fit.prior + 2 * fit.hypothesis.size)
+        by_hand = float(np.nansum(fit.held_cost)) + fit.prior + fit.hypothesis.size
+        assert held_out.costs(fit)[0] == pytest.approx(by_hand)
+
+
 def test_where_scores_are_rough_what_is_left_is_what_a_fit_leaves_in_sample(
     made: tuple[Fitter, Scores, Fit, Fit], monkeypatch: pytest.MonkeyPatch
 ) -> None:
