@@ -254,20 +254,6 @@ def test_a_winner_that_ended_in_a_wrong_optimum_is_restarted_out_of_it(
     assert candidates.restarted(right.best) is right.best
 
 
-def test_a_winner_beside_numbers_that_hide_it_is_begun_anew_beside_others(
-    drag_and_friction: tuple[Plant, Diagnosis],
-) -> None:
-    _, found = drag_and_friction
-    selector, right = found.selector, found.selection
-    candidates, best = selector.candidates, right.best.fit
-    bent = np.where(np.arange(len(best.z)) % 2, 1.0, -1.0) * BOX
-    hidden = replace(best, x=0.6 * best.x, z=bent, cost=best.cost + 40.0)
-    better = candidates.rested(replace(right.best, fit=hidden))
-    assert better.fit.cost == pytest.approx(best.cost, abs=0.5)
-    np.testing.assert_allclose(better.fit.x, best.x, rtol=0.1)
-    assert candidates.rested(right.best).fit.cost <= best.cost
-
-
 def test_partners_are_compared_by_a_few_steps_where_many_numbers_are_off(
     drag_and_friction: tuple[Plant, Diagnosis],
 ) -> None:

@@ -46,8 +46,6 @@ MANY_PARAMETERS = 6
 """Hypotheses with more are fitted in some windows first, and in all only where that promises something."""
 ITERATIONS = 15
 """Of a fit of what single parts speak for together, which has many parameters; most take no new sensitivities."""
-_RESTED = (0.0, 0.5)
-"""Shares of nominal numbers beside which an effect is begun anew."""
 TOGETHER = 4
 """Kinds of effects, at most, that single parts speak for and that are tried together."""
 
@@ -356,19 +354,6 @@ class Candidates:
         if one.fit.polished:
             self.scores.ends.append(abs(one.fit.cost - other.fit.cost))
         return other if other.fit.cost < one.fit.cost else one
-
-    def rested(self, scored: Scored) -> Scored:
-        """The same effects, begun anew beside nominal numbers that are less far off, if that ends further.
-
-        Numbers that were fitted without an effect have taken a part of it, and on rough ground no slope leads back: a
-        fit that began beside them found 4 of 10 mm.
-        """
-        fitter, fit = self.fitter, scored.fit
-        fits = [fitter.fit(fit.hypothesis, fit.x, share * fit.z, roughly=True) for share in _RESTED]
-        again = min(fits, key=lambda f: f.cost)
-        if again.cost > fit.cost + HOPELESS:
-            return scored
-        return self._nearer(scored, self.scores.scored(fitter.polish(again)))
 
     def without(self, singles: Sequence[Scored], reference: Scored) -> Scored:
         """Nominal numbers alone, begun where those beside effects are, if that takes them further.

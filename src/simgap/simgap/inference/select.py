@@ -327,11 +327,7 @@ class Selector:
         return self._effort.twice or much or bool(scored.fit.strained)
 
     def _restarted(self, scored: Scored) -> Scored:
-        """A winner that leaves much, begun anew from values about its own; of many numbers, from other numbers."""
-        import os
-
-        if self._effort.twice and os.environ.get("REST"):
-            scored = self.candidates.rested(scored)
+        """A winner that leaves much, begun anew from values about its own."""
         return self.candidates.restarted(scored) if self.scores.typical(scored.fit.held) > ENOUGH else scored
 
     def _ended(self, scored: list[Scored], winner: Scored, without: Scored) -> tuple[list[Scored], Scored]:
