@@ -45,7 +45,7 @@ _LARGER = (1.0, 1.5, 2.2, 3.3)
 _VALLEY = 0.05
 """[nats] Polishing ends when a round gains less."""
 MANY = 24
-"""With more nuisances than this, what they answer is computed by one factorisation, and dull ones are left out."""
+"""With more nuisances than this, what they answer is computed by one factorisation, some are left out (`_WORTH`)."""
 _ALL, _MOVED = 48, 0.5
 """Of more than so many nuisances, a second look is had at those that are this many standard deviations off; of fewer,
 at all, for what one number does is another matter beside others. With a second look at those that had moved alone a
@@ -274,7 +274,7 @@ class Fitter:
         residual = self.replay(empty, [(none, z)])[0]
         self.estimate_independent(residual)
         fit = Fit(empty, none, z, self.cost(residual, z), residual, np.zeros((0, *residual.shape)))
-        self.nominal = fit
+        self.nominal, self._dull = fit, None
         hurried = False
         for round_ in range(_ROUNDS):
             self.refresh(empty, none, fit.z, fit.residual, self.moved(fit) if round_ else None)
