@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from simgap.analysis.isolability import angle_matrix
 from simgap.blind.cases import SMALL, Case, draw, robot_of
-from simgap.blind.faults import FAULTS, UNKNOWN, Fault, Scale
+from simgap.blind.faults.base import Fault, Scale
+from simgap.blind.faults.table import FAULTS, UNKNOWN
 from simgap.blind.imitate import nominal_numbers
 from simgap.blind.make import BlindError, make
 from simgap.blind.recordings import simulate, told

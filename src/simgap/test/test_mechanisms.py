@@ -14,7 +14,8 @@ from simgap.analysis.diagnose import diagnose
 from simgap.analysis.options import Options
 from simgap.blind import cases, recordings
 from simgap.blind.cases import Case, Injected, robot_of
-from simgap.blind.faults import FAULTS, LEVELS
+from simgap.blind.faults.base import LEVELS
+from simgap.blind.faults.table import FAULTS
 from simgap.blind.imitate import left_by_imitation
 from simgap.blind.recordings import simulate
 from simgap.blind.truth import record

@@ -12,8 +12,8 @@ from robots import aligned_of, plant_of, simulate
 
 from simgap.analysis.diagnose import diagnose
 from simgap.analysis.options import Options
-from simgap.blind import faults
 from simgap.blind.cases import Case, Injected, robot_of
+from simgap.blind.faults import servos
 from simgap.blind.recordings import realise
 from simgap.data.mapping import parse_map
 from simgap.data.plant import build_plant
@@ -189,7 +189,7 @@ def test_a_link_whose_search_was_given_up_is_not_named(monkeypatch: pytest.Monke
     The law itself was hopelessly behind; what it left, of any spectrum, was not. The case is one of a sealed set, of
     when no effect was heat and every motor warmed within 4 s; here the library is without it again.
     """
-    monkeypatch.setattr(faults, "_varied", lambda size: (4.0 - 2.5) / 3.5)
+    monkeypatch.setattr(servos, "varied", lambda size: (4.0 - 2.5) / 3.5)
     hot = Injected("thermal_drift", "servo", "servo", ("servo",), "strong", 1.2975157571889346, True, ("servo",))
     case = Case("018", "pendulum", "unknown", (416210989, 18), 15.0, [hot])
     realise(case)

@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.blind.faults import FAULTS, LEVELS, UNKNOWN, Fault
+from simgap.blind.faults.base import LEVELS, Fault
+from simgap.blind.faults.table import FAULTS, UNKNOWN
 from simgap.blind.robots import MAPS, MODELS, commands, start
 from simgap.blind.sites import Site, sites
 from simgap.blind.truth import PERIOD

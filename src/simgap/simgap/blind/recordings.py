@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.blind.cases import SMALL, Case, Injected, Robot, all_sites, inject, robot_of, stronger
-from simgap.blind.faults import LEVELS, Scale, fault, soft_of, stand_of
+from simgap.blind.faults.base import LEVELS, Scale
+from simgap.blind.faults.bodies import stand_of
+from simgap.blind.faults.table import fault, soft_of
 from simgap.blind.imitate import (
     IMITATED,
     IMITATED_WALK,
