@@ -62,7 +62,8 @@ def parts(fitter: Fitter, fit: Fit) -> list[Part]:
 def _divided(fitter: Fitter) -> dict[str, Ints]:
     windows, runs = fitter.windows, fitter.residuals.replayer.aligned.runs
     label = np.array([_label(windows, fitter, w) for w in range(len(windows))])
-    by_run = {f"run {value:g}": np.flatnonzero(label == value) for value in dict.fromkeys(run.label for run in runs)}
+    names = {run.label: f"run {run.name}" for run in runs}
+    by_run = {name: np.flatnonzero(label == value) for value, name in names.items()}
     by_run = {name: rows for name, rows in by_run.items() if len(rows) >= _FEW}
     if len(by_run) > 1:
         return by_run

@@ -85,6 +85,7 @@ class FreeRun:
 
     Attributes:
         label: the run's number in the recording.
+        name: what the recording calls it.
         time: (nw, ns) [s] since the recording began; nw is 1 unless the run is cut into stretches.
         measured: (nw, ns, no), NaN where nothing was measured.
         simulated: {model: (nw, ns, no)}, NaN of a simulation that broke down.
@@ -96,6 +97,7 @@ class FreeRun:
     """
 
     label: float
+    name: str
     time: Array
     measured: Array
     simulated: dict[str, Array]
@@ -207,6 +209,7 @@ def _free_run(fitter: Fitter, models: Sequence[Model], run: Run, seed: int, long
         measured, simulated = measured_of(replayer), replayer.run(variants)
     return FreeRun(
         run.label,
+        run.name,
         base.aligned.time[replayer.windows.rows()],
         measured,
         {m.name: s for m, s in zip(models, simulated, strict=True)},
@@ -265,6 +268,7 @@ def told(runs: Sequence[FreeRun], plant: Plant, names: Sequence[str]) -> list[di
         for name in names:
             row: dict[str, Any] = {
                 "run": run.label,
+                "name": run.name,
                 "model": name,
                 "rmse": run.error(plant, name),
                 "unit": units,

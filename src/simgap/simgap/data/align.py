@@ -40,6 +40,12 @@ class Run:
     stop: int
     label: float
     setup: int = 0
+    called: str = ""
+
+    @property
+    def name(self) -> str:
+        """What the recording calls it: a word, the file that it came in, or its number."""
+        return self.called or f"{self.label:g}"
 
 
 @dataclass
@@ -133,7 +139,8 @@ def align(recording: Recording, plant: Plant, shortest: float = MIN_DURATION, mo
         pieces.append(piece)
         lost += piece[5]
         setup = 0 if recording.setup is None else int(recording.setup[keep][start])
-        runs.append(Run(position, position + len(piece[0]), float(segment[start]), setup))
+        label = float(segment[start])
+        runs.append(Run(position, position + len(piece[0]), label, setup, recording.called.get(label, "")))
         position += len(piece[0])
     if lost:
         warnings.append(

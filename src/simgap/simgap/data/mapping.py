@@ -157,10 +157,10 @@ class RunRow(_Row):
 
 
 class SegmentRow(ChannelRow):
-    """A column that numbers the runs of a recording, the runs that are kept for scoring, and in what runs differ."""
+    """A column that numbers or names the runs of a recording, those kept for scoring, and in what runs differ."""
 
-    held_out: tuple[float, ...] = ()
-    runs: dict[float, RunRow] = {}
+    held_out: tuple[float | str, ...] = ()
+    runs: dict[float | str, RunRow] = {}
     supply: float | None = Field(default=None, gt=0.0)
     """[V] for which the model's servos are given; by default the median of the runs'."""
 

@@ -45,7 +45,7 @@ class Plant:
     integrator), which has to come from how they follow their commands: held, it would wind up."""
     setups: tuple[Setup, ...] = (AS_MODELLED,)
     """In what runs differ; that of the model first."""
-    setup_of: dict[float, int] = field(default_factory=dict)
+    setup_of: dict[float | str, int] = field(default_factory=dict)
     """Which of them a run has, by its number; that of the model where it is not named."""
     known: tuple[Known, ...] = ()
     """What the map knows of the ways of signals; every variant begins there."""

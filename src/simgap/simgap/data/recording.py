@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +13,15 @@ from simgap.data.bag import is_bag, read_bag
 from simgap.data.errors import GapInputError, nearest
 from simgap.data.formats import BAGS, listed
 from simgap.data.plant import Plant
+from simgap.data.setup import said
 from simgap.data.tables import load_table
 from simgap.data.units import factor
 
 __all__ = ["Recording", "concatenate", "load_recording", "load_table", "recording_from_table"]
 
 Array = NDArray[np.float64]
+
+_NAMELESS = ("", "none", "nan")
 
 
 @dataclass
@@ -29,6 +33,7 @@ class Recording:
         inputs: (n, ni) in the units of the control (or the joint force) they drive; NaN where not sampled.
         outputs: (n, no) in SI; NaN where not sampled.
         segment: (n,) the number of the run that a row belongs to.
+        called: what runs are called, by number; of others the number is the name.
         held_out: numbers of the runs that are kept for scoring, empty where blocks are to be chosen.
         auxiliary: further columns, in the unit of the map.
         enabled: (n,) 1 where the servos give torque and 0 where they do not, NaN where not sampled; None where the map
@@ -47,6 +52,7 @@ class Recording:
     enabled: Array | None = None
     setup: Array | None = None
     source: str = "recording"
+    called: dict[float, str] = field(default_factory=dict)
 
 
 def load_recording(path: str | Path, plant: Plant) -> Recording:
@@ -63,7 +69,8 @@ def load_recording(path: str | Path, plant: Plant) -> Recording:
         return recording
     if plant.map.of_bag:
         raise GapInputError(f"{plant.map.source}: its rows name topics of a bag, but {path} is no bag ({listed(BAGS)})")
-    return recording_from_table(load_table(path), plant, str(path))
+    words = () if plant.map.segments is None else (plant.map.segments.column,)
+    return recording_from_table(load_table(path, words), plant, str(path))
 
 
 def recording_from_table(columns: dict[str, Array], plant: Plant, source: str = "recording") -> Recording:
@@ -89,17 +96,24 @@ def recording_from_table(columns: dict[str, Array], plant: Plant, source: str = 
     time = seconds * column(mapping.time.column, "time")
     inputs = [channel.scale * column(channel.column, f"inputs[{i}]") for i, channel in enumerate(plant.inputs)]
     outputs = [channel.scale * column(channel.column, f"outputs[{i}]") for i, channel in enumerate(plant.outputs)]
-    segment = np.zeros_like(time)
-    held_out: tuple[float, ...] = ()
+    segment, called = np.zeros_like(time), dict[float, str]()
     if mapping.segments is not None:
+        named = columns.get(mapping.segments.column)
+        if named is not None and named.dtype.kind == "U":
+            numbers, called = _numbered(named)
+            columns = columns | {mapping.segments.column: numbers}
         segment = column(mapping.segments.column, "segments")
-        held_out = mapping.segments.held_out
-        missing = [h for h in held_out if h not in set(segment.tolist())]
-        if missing:
-            raise GapInputError(f"{source}: segments.held_out: the recording has no run {missing[0]:g}")
-    setup = np.array([plant.setup_of.get(label, 0) for label in segment.tolist()], float) if plant.setup_of else None
-    unknown = [label for label in plant.setup_of if label not in set(segment.tolist())]
-    warned = [f"{source}: segments.runs: the recording has no run {label:g}" for label in unknown]
+    known, there = {name: number for number, name in called.items()}, set(segment[np.isfinite(segment)].tolist())
+    wanted = () if mapping.segments is None else mapping.segments.held_out
+    held_out = tuple(_number(label, known) for label in wanted)
+    for label, number in zip(wanted, held_out, strict=True):
+        if number not in there:
+            have = nearest(said(label), [called.get(n, f"{n:g}") for n in sorted(there)], "run")
+            raise GapInputError(f"{source}: segments.held_out: the recording has no run {said(label)}; {have}")
+    setup_of = {_number(label, known): setup for label, setup in plant.setup_of.items()}
+    setup = np.array([setup_of.get(label, 0) for label in segment.tolist()], float) if setup_of else None
+    unknown = [label for label in plant.setup_of if _number(label, known) not in there]
+    warned = [f"{source}: segments.runs: the recording has no run {said(label)}" for label in unknown]
     auxiliary = {row.column: column(row.column, f"auxiliary[{i}]") for i, row in enumerate(mapping.auxiliary)}
     enabled = None
     if mapping.enabled is not None:
@@ -115,17 +129,22 @@ def recording_from_table(columns: dict[str, Array], plant: Plant, source: str = 
                 f"{source}: enabled: column {mapping.enabled.column!r} is never 1: the servos gave no torque all along"
             )
     told, seen = np.stack(inputs, 1), np.stack(outputs, 1)
-    return Recording(time, told, seen, segment, held_out, auxiliary, warned, enabled, setup, source)
+    return Recording(time, told, seen, segment, held_out, auxiliary, warned, enabled, setup, source, called)
 
 
 def concatenate(recordings: list[Recording]) -> Recording:
-    """Several recordings of one robot as one; each keeps its runs apart."""
+    """Several recordings of one robot as one; each keeps its runs apart, which are called by their files."""
     if len(recordings) == 1:
         return recordings[0]
     offset, segments, held_out = 0.0, [], []
-    for r in recordings:
-        segments.append(r.segment - np.nanmin(r.segment) + offset)
-        held_out += [h - float(np.nanmin(r.segment)) + offset for h in r.held_out]
+    called: dict[float, str] = {}
+    for r, file in zip(recordings, _files([r.source for r in recordings]), strict=True):
+        shift = offset - float(np.nanmin(r.segment))
+        segments.append(r.segment + shift)
+        held_out += [h + shift for h in r.held_out]
+        numbers = np.unique(r.segment[np.isfinite(r.segment)]).tolist()
+        for n in numbers:
+            called[n + shift] = f"{file}: {r.called.get(n, f'{n:g}')}" if len(numbers) > 1 else file
         offset = float(np.nanmax(segments[-1])) + 1.0
     keys = set.intersection(*(set(r.auxiliary) for r in recordings))
     return Recording(
@@ -143,4 +162,29 @@ def concatenate(recordings: list[Recording]) -> Recording:
         if all(r.setup is None for r in recordings)
         else np.concatenate([np.zeros(len(r.time)) if r.setup is None else r.setup for r in recordings]),
         ", ".join(r.source for r in recordings),
+        called,
     )
+
+
+def _files(sources: list[str]) -> list[str]:
+    """Names of files, as short as tells them apart."""
+    short = [Path(s).stem for s in sources]
+    return short if len(set(short)) == len(short) else sources
+
+
+def _numbered(names: NDArray[Any]) -> tuple[Array, dict[float, str]]:
+    """Runs that have names as numbers (n,), in the order of their appearance, and what each number is called."""
+    words = [str(n).strip() for n in names.tolist()]
+    order = [w for w in dict.fromkeys(words) if w.lower() not in _NAMELESS]
+    number = {w: float(i) for i, w in enumerate(order)}
+    return np.array([number.get(w, np.nan) for w in words]), {i: w for w, i in number.items()}
+
+
+def _number(label: float | str, known: dict[str, float]) -> float:
+    """The number of a run that a map names; NaN of one that there is not."""
+    if known:
+        return known.get(said(label), float("nan"))
+    try:
+        return float(label)
+    except ValueError:
+        return float("nan")

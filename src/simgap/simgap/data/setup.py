@@ -33,7 +33,7 @@ class Setup:
 AS_MODELLED = Setup("as modelled")
 
 
-def setups(model: mujoco.MjModel, mapping: Map) -> tuple[tuple[Setup, ...], dict[float, int]]:
+def setups(model: mujoco.MjModel, mapping: Map) -> tuple[tuple[Setup, ...], dict[float | str, int]]:
     """All setups, that of the model first; and which of them each run has that the map speaks of.
 
     Raises:
@@ -46,12 +46,17 @@ def setups(model: mujoco.MjModel, mapping: Map) -> tuple[tuple[Setup, ...], dict
     usual = segments.supply or (float(np.median(volts)) if volts else None)
     made, index = [AS_MODELLED], {}
     for label, row in segments.runs.items():
-        setup = _setup(model, row, usual, f"{mapping.source}: segments.runs.{label:g}")
+        setup = _setup(model, row, usual, f"{mapping.source}: segments.runs.{said(label)}")
         same = next((i for i, other in enumerate(made) if other.name == setup.name), len(made))
         if same == len(made):
             made.append(setup)
-        index[float(label)] = same
+        index[label] = same
     return tuple(made), index
+
+
+def said(label: float | str) -> str:
+    """A run's number or name, in words."""
+    return label if isinstance(label, str) else f"{label:g}"
 
 
 def _setup(model: mujoco.MjModel, row: RunRow, usual: float | None, where: str) -> Setup:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,10 @@ _WORDS = {"": np.nan, "nan": np.nan, "true": 1.0, "false": 0.0}
 _WHOLE = "is the file whole, and of the kind that its name says?"
 
 
-def load_table(path: str | Path) -> dict[str, Array]:
+def load_table(path: str | Path, words: Collection[str] = ()) -> dict[str, Array]:
     """Read a file that `TABLES` names, or a folder of LeRobot, into columns of float64; an empty cell becomes NaN.
+
+    Columns named in ``words`` that hold text are kept as they are; others of text are left out.
 
     A column of arrays becomes one column for each element, `action[0]`; of LeRobot's, whose `meta/info.json` names the
     elements, `action[elbow.pos]`.
@@ -42,7 +44,8 @@ def load_table(path: str | Path) -> dict[str, Array]:
             f"not {kind or 'a file without extension'}"
         )
     try:
-        return _check_columns(reader_of(kind)(path), path, _lerobot_names(path.parent) if kind == ".parquet" else None)
+        names = _lerobot_names(path.parent) if kind == ".parquet" else None
+        return _check_columns(reader_of(kind)(path), path, names, words)
     except (OSError, ValueError) as error:
         if isinstance(error, GapInputError):
             raise
@@ -179,15 +182,20 @@ def _parquet_column(column: Any) -> NDArray[Any]:
 
 
 def _check_columns(
-    columns: dict[str, NDArray[Any]], path: Path, names: dict[str, list[str]] | None = None
+    columns: dict[str, NDArray[Any]],
+    path: Path,
+    names: dict[str, list[str]] | None = None,
+    words: Collection[str] = (),
 ) -> dict[str, Array]:
-    """Columns of numbers, each of one dimension.
+    """Columns of numbers, and of those that ``words`` names also of text, each of one dimension.
 
     ``names`` are those of the elements of a column of arrays.
     """
     checked: dict[str, Array] = {}
     for name, values in columns.items():
         if values.dtype.kind not in "biuf":
+            if name.strip() in words and values.ndim == 1:
+                checked[name.strip()] = values.astype(str)
             continue
         if values.ndim == 1:
             checked[name.strip()] = values.astype(np.float64)

@@ -45,9 +45,12 @@ class Curve:
 
 @dataclass(frozen=True)
 class FreeCurve:
-    """One channel of one free run, (nw, ns) each; nw is 1 unless the run is cut into stretches."""
+    """One channel of one free run, (nw, ns) each; nw is 1 unless the run is cut into stretches.
 
-    run: float
+    ``run`` is what the recording calls it, empty where there is no other.
+    """
+
+    run: str
     channel: str
     unit: str
     time: Array
@@ -156,7 +159,7 @@ def _free(found: Diagnosis) -> list[FreeCurve]:
     run = whole[len(whole) // 2]
     return [
         FreeCurve(
-            run.label,
+            run.name if len(found.runs) > 1 else "",
             name,
             plant.outputs[c].unit,
             run.time,

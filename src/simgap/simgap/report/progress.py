@@ -106,7 +106,7 @@ def free_curves(evidence: Evidence) -> Drawing | None:
         for panel, label in ((above, f"{curve.channel} [{curve.unit}]"), (below, f"error [{unit}]")):
             panel.y_axis(label.replace(" [1]", ""))
             last = i == len(curves) - 1 and panel is below
-            panel.x_axis("s" if last else "", grid=False, texts=last)
+            panel.x_axis((f"s of run {curve.run}" if curve.run else "s") if last else "", grid=False, texts=last)
         above.line(at, measured, MEASURED, 6.0)
         below.stroke((span[0], 0.0), (span[1], 0.0), MEASURED, 3.0)
         for panel, pair in ((above, [nominal, diagnosed]), (below, errors)):
