@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.analysis.diagnose import Diagnosis
+from simgap.data.align import Aligned
 from simgap.inference.hypothesis import Hypothesis
 
 Array = NDArray[np.float64]
@@ -18,6 +19,7 @@ _CHANNELS = 4
 _WINDOWS = 4
 _RANKED = 9
 _FREE_CHANNELS = 3
+_LONGEST = 18
 _SITES = {
     "servo": mujoco.mjtObj.mjOBJ_ACTUATOR,
     "tendon": mujoco.mjtObj.mjOBJ_TENDON,
@@ -33,10 +35,13 @@ _SITES = {
 
 @dataclass(frozen=True)
 class Curve:
-    """One channel in one held-out window: measured, nominal, and with what was found; all (ns,)."""
+    """One channel in one held-out window: measured, nominal, and with what was found; all (ns,).
+
+    ``start`` is when it begins [s], and in which run where there are several.
+    """
 
     window: int
-    start: float
+    start: str
     time: Array
     measured: Array
     nominal: Array
@@ -133,7 +138,7 @@ def _curves(found: Diagnosis) -> dict[tuple[str, str], list[Curve]]:
         curves[(output.name, output.unit)] = [
             Curve(
                 window,
-                float(found.aligned.time[windows.start[window]]),
+                _begin(found.aligned, int(windows.start[window])),
                 seconds,
                 np.where(residuals.mask[window, :, c], residuals.measured[window, :, c], np.nan),
                 nominal[i, :, column],
@@ -142,6 +147,14 @@ def _curves(found: Diagnosis) -> dict[tuple[str, str], list[Curve]]:
             for i, window in enumerate(picked)
         ]
     return curves
+
+
+def _begin(aligned: Aligned, row: int) -> str:
+    seconds, calls = f"{aligned.time[row]:.1f} s", {run.name for run in aligned.runs}
+    run = next(run for run in aligned.runs if run.start <= row < run.stop)
+    # A window's picture has no room for more.
+    name = run.name if len(run.name) <= _LONGEST else run.name[: _LONGEST - 3] + "..."
+    return seconds if len(calls) == 1 else f"{seconds} of {name}"
 
 
 def _free(found: Diagnosis) -> list[FreeCurve]:
@@ -159,7 +172,7 @@ def _free(found: Diagnosis) -> list[FreeCurve]:
     run = whole[len(whole) // 2]
     return [
         FreeCurve(
-            run.name if len(found.runs) > 1 else "",
+            run.name if len({r.name for r in found.aligned.runs}) > 1 else "",
             name,
             plant.outputs[c].unit,
             run.time,

@@ -218,7 +218,7 @@ def curves(evidence: Evidence) -> Drawing | None:
             panel.y_axis((name if unit == "1" else f"{name} [{unit}]") if c == 0 else "")
             panel.x_axis("s" if last else "", grid=False, texts=last)
             if r == 0:
-                drawing.text(place[0], top - 13.0, f"from {window.start:.1f} s", size=SMALL, fill=QUIET)
+                drawing.text(place[0], top - 13.0, f"from {window.start}", size=SMALL, fill=QUIET)
             for values, colour, width in (
                 (window.measured, MEASURED, 6.0),
                 (window.nominal, BEFORE, 1.8),
