@@ -15,6 +15,7 @@ from simgap.data.align import align
 from simgap.data.errors import GapInputError
 from simgap.data.plant import Plant
 from simgap.data.recording import concatenate, load_recording
+from simgap.preparation.guess import guess_map
 from simgap.simulation.windows import cut
 
 NAMES = ("chirp", "holding", "waypoints")
@@ -79,6 +80,18 @@ def test_several_files_are_called_by_their_names(tmp_path: Path) -> None:
     again = _written(tmp_path / "other" / "monday.csv", {k: [v[i] for i in rows] for k, v in columns.items()})
     aligned = align(concatenate([load_recording(p, plant) for p in (part, again, part)]), plant)
     assert [run.name for run in aligned.runs] == [str(part), str(again), str(part)]
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_a_guessed_map_has_the_column_of_words(tmp_path: Path, ending: str) -> None:
+    columns = _columns()
+    columns["episode"] = columns.pop("motion")
+    path = _written(tmp_path / f"log{ending}", columns)
+    plant = plant_of("arm")
+    guessed = guess_map(path, plant.model)
+    assert guessed.segments == {"column": "episode"}
+    plant = plant_of("arm", lambda data: data.update(segments=guessed.segments))
+    assert [run.name for run in align(load_recording(path, plant), plant).runs] == list(NAMES)
 
 
 def test_numbers_stay_numbers(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +13,12 @@ from simgap.data.errors import GapInputError, nearest
 from simgap.data.formats import BAGS, listed
 from simgap.data.plant import Plant
 from simgap.data.setup import said
-from simgap.data.tables import load_table
+from simgap.data.tables import load_table, numbered
 from simgap.data.units import factor
 
 __all__ = ["Recording", "concatenate", "load_recording", "load_table", "recording_from_table"]
 
 Array = NDArray[np.float64]
-
-_NAMELESS = ("", "none", "nan")
 
 
 @dataclass
@@ -69,8 +66,9 @@ def load_recording(path: str | Path, plant: Plant) -> Recording:
         return recording
     if plant.map.of_bag:
         raise GapInputError(f"{plant.map.source}: its rows name topics of a bag, but {path} is no bag ({listed(BAGS)})")
-    words = () if plant.map.segments is None else (plant.map.segments.column,)
-    return recording_from_table(load_table(path, words), plant, str(path))
+    runs = plant.map.segments
+    table = load_table(path, lambda name: runs is not None and name == runs.column)
+    return recording_from_table(table, plant, str(path))
 
 
 def recording_from_table(columns: dict[str, Array], plant: Plant, source: str = "recording") -> Recording:
@@ -100,7 +98,7 @@ def recording_from_table(columns: dict[str, Array], plant: Plant, source: str = 
     if mapping.segments is not None:
         named = columns.get(mapping.segments.column)
         if named is not None and named.dtype.kind == "U":
-            numbers, called = _numbered(named)
+            numbers, called = numbered(named)
             columns = columns | {mapping.segments.column: numbers}
         segment = column(mapping.segments.column, "segments")
     known, there = {name: number for number, name in called.items()}, set(segment[np.isfinite(segment)].tolist())
@@ -170,14 +168,6 @@ def _files(sources: list[str]) -> list[str]:
     """Names of files, as short as tells them apart."""
     short = [Path(s).stem for s in sources]
     return short if len(set(short)) == len(short) else sources
-
-
-def _numbered(names: NDArray[Any]) -> tuple[Array, dict[float, str]]:
-    """Runs that have names as numbers (n,), in the order of their appearance, and what each number is called."""
-    words = [str(n).strip() for n in names.tolist()]
-    order = [w for w in dict.fromkeys(words) if w.lower() not in _NAMELESS]
-    number = {w: float(i) for i, w in enumerate(order)}
-    return np.array([number.get(w, np.nan) for w in words]), {i: w for w, i in number.items()}
 
 
 def _number(label: float | str, known: dict[str, float]) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,14 @@ Array = NDArray[np.float64]
 
 _WORDS = {"": np.nan, "nan": np.nan, "true": 1.0, "false": 0.0}
 """Cells of a CSV that are numbers too."""
+_NAMELESS = ("", "none", "nan")
 _WHOLE = "is the file whole, and of the kind that its name says?"
 
 
-def load_table(path: str | Path, words: Collection[str] = ()) -> dict[str, Array]:
+def load_table(path: str | Path, text: Callable[[str], bool] = lambda name: False) -> dict[str, Array]:
     """Read a file that `TABLES` names, or a folder of LeRobot, into columns of float64; an empty cell becomes NaN.
 
-    Columns named in ``words`` that hold text are kept as they are; others of text are left out.
+    Columns of text are left out, but for those whose names ``text`` wants, which are kept as they are.
 
     A column of arrays becomes one column for each element, `action[0]`; of LeRobot's, whose `meta/info.json` names the
     elements, `action[elbow.pos]`.
@@ -45,7 +46,7 @@ def load_table(path: str | Path, words: Collection[str] = ()) -> dict[str, Array
         )
     try:
         names = _lerobot_names(path.parent) if kind == ".parquet" else None
-        return _check_columns(reader_of(kind)(path), path, names, words)
+        return _check_columns(reader_of(kind)(path), path, names, text)
     except (OSError, ValueError) as error:
         if isinstance(error, GapInputError):
             raise
@@ -142,6 +143,14 @@ def numbers(cells: list[str], where: str, first_row: int = 2) -> NDArray[Any]:
     return np.array(values, dtype=np.float64)
 
 
+def numbered(values: NDArray[Any]) -> tuple[Array, dict[float, str]]:
+    """Words (n,) as numbers in the order of their appearance, NaN where there is none, and what each number is."""
+    words = [str(v).strip() for v in values.tolist()]
+    order = [w for w in dict.fromkeys(words) if w.lower() not in _NAMELESS]
+    number = {w: float(i) for i, w in enumerate(order)}
+    return np.array([number.get(w, np.nan) for w in words]), {i: w for w, i in number.items()}
+
+
 def _number(cell: str) -> float | None:
     word = cell.strip().lower()
     try:
@@ -185,16 +194,16 @@ def _check_columns(
     columns: dict[str, NDArray[Any]],
     path: Path,
     names: dict[str, list[str]] | None = None,
-    words: Collection[str] = (),
+    text: Callable[[str], bool] = lambda name: False,
 ) -> dict[str, Array]:
-    """Columns of numbers, and of those that ``words`` names also of text, each of one dimension.
+    """Columns of numbers, and those of text that are wanted, each of one dimension.
 
     ``names`` are those of the elements of a column of arrays.
     """
     checked: dict[str, Array] = {}
     for name, values in columns.items():
         if values.dtype.kind not in "biuf":
-            if name.strip() in words and values.ndim == 1:
+            if values.ndim == 1 and text(name.strip()):
                 checked[name.strip()] = values.astype(str)
             continue
         if values.ndim == 1:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from simgap.data.bag import is_bag, read_bag, topics
 from simgap.data.mapping import parse_map
-from simgap.data.tables import load_table
+from simgap.data.tables import load_table, numbered
 
 Array = NDArray[np.float64]
 
@@ -79,7 +79,8 @@ def columns_of(recording: Path, likely: Callable[[Sequence[Column]], Iterable[st
     ``likely``: names of columns whose values are worth reading, of all that the bag has; other columns stay without.
     """
     if not is_bag(recording):
-        table = load_table(recording)
+        table = load_table(recording, lambda name: bool(set(words_of(name)) & RUN))
+        table = {n: numbered(v)[0] if v.dtype.kind == "U" else v for n, v in table.items()}
         found = [Column(name, {"column": name}, words_of(name), values) for name, values in table.items()]
         for column in found:
             read_words(column)
