@@ -116,5 +116,5 @@ def test_what_a_reference_has_used_is_not_shared_out_again(monkeypatch: pytest.M
     now[0] = 40.0 + budget.NUISANCES * 60.0 + 0.1
     assert left.spent(budget.NUISANCES)
     left.ended("nuisances")
-    assert "100 s was spent" in left.warning()
+    assert left.warning() == "within the budget of 100 s nominal numbers were not fitted to the end"
     assert budget.Budget(None).rest().seconds is None

@@ -96,4 +96,4 @@ class Budget:
         """What was not looked at, in a sentence; empty where all was."""
         if not self.left_out:
             return ""
-        return f"the budget of {self.asked or self.seconds:g} s was spent: {'; '.join(self.left_out)}"
+        return f"within the budget of {self.asked or self.seconds:g} s {'; '.join(self.left_out)}"
