@@ -14,6 +14,7 @@ from simgap.analysis.diagnose import Diagnosis, diagnose
 from simgap.analysis.options import Options
 from simgap.analysis.recalibration import calibration
 from simgap.data.recording import recording_from_table
+from simgap.inference import budget
 from simgap.inference.long_windows import WIDER, folds_of_runs, undrawn
 from simgap.report.sentences import sentences
 from simgap.simulation.variant import Variant
@@ -27,8 +28,7 @@ def _truth(model: mujoco.MjModel) -> None:
     model.dof_frictionloss[1] += FRICTION
 
 
-@pytest.fixture(scope="module")
-def found() -> Diagnosis:
+def _diagnosed(seconds: float | None = None) -> Diagnosis:
     parts = []
     for run in range(3):
         made = simulate("arm", SECONDS, run, change=_truth)
@@ -36,7 +36,13 @@ def found() -> Diagnosis:
     table = {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
     plant = plant_of("arm", lambda data: data.update(segments={"column": "run"}))
     recording = recording_from_table(table, plant)
-    return diagnose([recording], plant, Options(only=("coulomb_friction",), max_windows=12, baselines=False))
+    options = Options(only=("coulomb_friction",), max_windows=12, baselines=False, budget=seconds)
+    return diagnose([recording], plant, options)
+
+
+@pytest.fixture(scope="module")
+def found() -> Diagnosis:
+    return _diagnosed()
 
 
 def test_long_windows_tell_a_number_that_priors_held_back(found: Diagnosis) -> None:
@@ -99,3 +105,17 @@ def test_two_runs_are_too_few(found: Diagnosis) -> None:
     assert folds_of_runs(whole, windows) == {0.0: 0, 1.0: 1, 2.0: 2}
     assert folds_of_runs(replace(whole, runs=whole.runs[:2]), windows) is None
     assert folds_of_runs(replace(whole, held_out=(2.0,)), windows) is None
+
+
+def test_a_search_that_ended_in_time_leaves_them_theirs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a budget gives to long windows is not thrown away where the search has used up its own part."""
+    reached: list[str] = []
+    monkeypatch.setattr(
+        budget.Budget, "spent", lambda self, share=1.0: "screen partners" in reached and share == budget.SEARCH
+    )
+    watch = budget.Budget.watch
+    monkeypatch.setattr(budget.Budget, "watch", lambda self, _: watch(self, lambda name, _: reached.append(name)))
+    hurried = _diagnosed(60.0)
+    assert any("within the budget" in warning for warning in hurried.report["warnings"])
+    assert [e["name"] for e in hurried.report["effects"]] == ["coulomb_friction"]
+    assert hurried.longer is not None and hurried.longer.gain > 0.0

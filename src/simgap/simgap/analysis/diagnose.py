@@ -130,7 +130,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     longer = None
     # Where no effect acts, nominal numbers within their tolerances are the answer: it is not told with others.
     told = selection.best is not selection.reference and verdict.kind != "unknown"
-    if told and not budget.left_out:
+    if told:
         try:
             with budget.until(LONG_WINDOWS):
                 longer = refit(fitter, selection.best.fit, lambda share: watched("long windows", share))
