@@ -57,6 +57,24 @@ def test_a_budget_may_end_in_any_stage(stage: str, seconds: float, monkeypatch: 
 
 def test_what_single_parts_speak_for_together_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     """The time may be over while the needless ones of them are taken out: then the answer is what is left by then."""
+    report = _ended_in(monkeypatch, "drop")
+    assert {e["name"] for e in report["effects"]} == {"servo_gain", "coulomb_friction"}
+    assert report["gap"]["after"] < 0.1 * report["gap"]["before"]
+
+
+def test_what_is_told_is_scored_as_starts_are_judged_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The leaders' models judge the starts of windows anew; the time may be over before all is scored by that."""
+    report = _ended_in(monkeypatch, "finals")
+    assert {e["name"] for e in report["effects"]} == {"servo_gain", "coulomb_friction"}
+    gap = report["gap"]
+    assert gap["before"] == pytest.approx(report["baselines"]["nominal"]["gap"], rel=1e-6)
+    assert gap["after"] < gap["nuisances_only"] < gap["before"]
+    assert [step["step"] for step in report["waterfall"]][:2] == ["nominal", "recalibrated"]
+    assert report["waterfall"][1]["gap"] == pytest.approx(gap["nuisances_only"])
+
+
+def _ended_in(monkeypatch: pytest.MonkeyPatch, stage: str) -> dict[str, Any]:
+    """The report on an arm with soft servos and dry friction whose search was over as it came to a stage."""
 
     def soft_and_rubbing(model: mujoco.MjModel) -> None:
         model.actuator_gainprm[:, 0] *= 0.05
@@ -64,15 +82,14 @@ def test_what_single_parts_speak_for_together_is_not_lost(monkeypatch: pytest.Mo
         model.dof_frictionloss[:] = 0.1
 
     reached: list[str] = []
-    monkeypatch.setattr(budget.Budget, "spent", lambda self, share=1.0: "drop" in reached and share < 1.0)
+    monkeypatch.setattr(budget.Budget, "spent", lambda self, share=1.0: stage in reached and share < 1.0)
     watch = budget.Budget.watch
     monkeypatch.setattr(budget.Budget, "watch", lambda self, _: watch(self, lambda name, _: reached.append(name)))
     plant, table = plant_of("arm"), simulate("arm", 10.0, change=soft_and_rubbing)
     options = Options(only=("servo_gain", "coulomb_friction"), baselines=False, threads=1, budget=60.0)
     report = diagnose([recording_from_table(table, plant)], plant, options).report
-    assert "drop" in reached and any("budget" in w for w in report["warnings"])
-    assert {e["name"] for e in report["effects"]} == {"servo_gain", "coulomb_friction"}
-    assert report["gap"]["after"] < 0.1 * report["gap"]["before"]
+    assert stage in reached and any("budget" in w for w in report["warnings"])
+    return report
 
 
 def _counted(monkeypatch: pytest.MonkeyPatch, seconds: float | None) -> tuple[float, dict[str, Any]]:

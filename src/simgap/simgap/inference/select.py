@@ -151,7 +151,7 @@ class Selector:
                     found = self._compared(begun, found)
         except OutOfTimeError as spent:
             self.budget.ended(str(spent))
-            found = self._hurried()
+            found = self._judged_anew(self._hurried())
         if found.best is not found.reference:
             self._settle(found)
             if not self.budget.left_out:
@@ -225,6 +225,26 @@ class Selector:
             return found
         gains = [self.scores.difference(found.reference.fit, winner.fit)]
         return replace(found, best=winner, rivals=found.singles, gains=gains)
+
+    def _judged_anew(self, found: Selection) -> Selection:
+        """What was found scored as starts of windows are judged by now, where that changed before the time was over."""
+        gap = self._nominal_gap()
+        if np.isclose(gap, found.nominal_gap):
+            return found
+
+        def again(scored: Scored) -> Scored:
+            if scored.fit.likelihood is not None:
+                return scored
+            fit = self.fitter.fit(scored.fit.hypothesis, scored.fit.x, scored.fit.z, iterations=1)
+            return self.scores.scored(self.fitter.cross_validate(fit))
+
+        reference = again(found.reference)
+        best = reference if found.best is found.reference else again(found.best)
+        rivals = [best if s is found.best else again(s) for s in found.rivals]
+        gains = found.gains
+        if best is not reference and len(gains) == 1:
+            gains = [self.scores.difference(reference.fit, best.fit)]
+        return replace(found, reference=reference, nominal_gap=gap, best=best, rivals=rivals, gains=gains)
 
     def _keep(self, result: Selection) -> None:
         """Remember it where it is the best so far, and not only begun with what did not earn its place alone."""

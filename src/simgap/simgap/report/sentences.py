@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any
 
 from simgap.effects.library import effect_classes
@@ -283,10 +284,9 @@ def _part(part: str) -> str:
 
 
 def meaning(name: str) -> str:
-    """What an effect is, from its own description; empty for a user's effect."""
+    """What an effect is, the first paragraph of its own description; empty for a user's effect."""
     found = effect_classes().get(name)
-    text = (found.__doc__ or "").strip() if found else ""
-    return text.splitlines()[0] if text else ""
+    return " ".join((inspect.getdoc(found) or "").split("\n\n")[0].split()).replace("`", "") if found else ""
 
 
 def percent(share: float) -> str:
