@@ -181,7 +181,7 @@ function chosen(all) {
   curves = all;
   if (!curves.length) return;
   at("channel").replaceChildren(...curves.map(({ channel }, i) => new Option(channel, i)));
-  at("window").replaceChildren(...curves[0].windows.map(({ start }, i) => new Option(`from ${start.toFixed(1)} s`, i)));
+  at("window").replaceChildren(...curves[0].windows.map(({ start }, i) => new Option(`from ${start}`, i)));
   // Shown first: a canvas that is hidden has no size to draw in.
   shown("curves");
   const changed = () => {
