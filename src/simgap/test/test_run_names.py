@@ -79,7 +79,7 @@ def test_several_files_are_called_by_their_names(tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     again = _written(tmp_path / "other" / "monday.csv", {k: [v[i] for i in rows] for k, v in columns.items()})
     aligned = align(concatenate([load_recording(p, plant) for p in (part, again, part)]), plant)
-    assert [run.name for run in aligned.runs] == [str(part), str(again), str(part)]
+    assert [run.name for run in aligned.runs] == [str(part), str(again), f"{part} (2)"]
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])

@@ -167,7 +167,8 @@ def concatenate(recordings: list[Recording]) -> Recording:
 def _files(sources: list[str]) -> list[str]:
     """Names of files, as short as tells them apart."""
     short = [Path(s).stem for s in sources]
-    return short if len(set(short)) == len(short) else sources
+    names = short if len(set(short)) == len(short) else sources
+    return [n if names.index(n) == i else f"{n} ({names[:i].count(n) + 1})" for i, n in enumerate(names)]
 
 
 def _number(label: float | str, known: dict[str, float]) -> float:
