@@ -187,6 +187,20 @@ def test_any_shape_is_drawn_and_coloured_by_its_gap() -> None:
     assert {edge for _, _, edge in marked}.isdisjoint({edge for _, _, edge in cold})
 
 
+def test_a_model_without_its_meshes_is_drawn_as_bars() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint axis="0 1 0"/><inertial pos="0 0 -.5" mass="1" diaginertia="1 1 1"/>
+        <body pos="0 0 -1"><joint axis="0 1 0"/><inertial pos="0 0 -.5" mass="1" diaginertia="1 1 1"/></body>
+        </body></worldbody></mujoco>"""
+    )
+    picture = draw_robot(model, np.array(model.qpos0), {2: 1.0}, {2: "lower link"}).svg()
+    upper, lower = sorted((corners for corners, _, _ in polygons(picture)), key=lambda c: c.mean(axis=0)[1])
+    # The upper one reaches to the lower one's joint, and that to its centre of mass: half as far.
+    thick = float(np.ptp(upper[:, 0]))
+    assert np.ptp(upper[:, 1]) - thick == pytest.approx(2.0 * (np.ptp(lower[:, 1]) - thick), rel=0.02)
+    assert len({fill for _, fill, _ in polygons(picture)}) == 2
+
+
 def test_a_name_hangs_at_the_middle_of_its_part_wherever_its_mass_lies() -> None:
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><worldbody><body><joint axis="0 1 0"/><inertial pos="0 0 -1" mass="1" diaginertia="1 1 1"/>

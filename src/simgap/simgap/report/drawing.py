@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 Geom = mujoco.mjtGeom
 
 _RING = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+_THICK = 0.03
+"""Radius of a bar of a skeleton, of the robot's largest extent."""
 _WIDTH, _TALLEST, _TEXT = 500.0, 400.0, 13.0
 """[px] of the drawing, the robot in it, and the names."""
 
@@ -41,6 +43,7 @@ def draw_robot(
         outline = _outline(model, data, g, right, up)
         if outline is not None:
             shapes.append((float(data.geom_xpos[g] @ toward), int(model.geom_bodyid[g]), outline))
+    shapes = shapes or _skeleton(model, data, right, up, toward)
     drawn = {b: np.concatenate([s for _, body, s in shapes if body == b] or [_at(data, b, right, up)]) for b in labels}
     places = {b: 0.5 * (points.min(axis=0) + points.max(axis=0)) for b, points in drawn.items()}
     low, high = _bounds([s[2] for s in shapes])
@@ -140,6 +143,31 @@ def _outline(model: mujoco.MjModel, data: mujoco.MjData, g: int, right: Array, u
     else:
         corners = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], float)
         points = place + (corners * size) @ turn.T
+    return _hull(points, right, up)
+
+
+def _skeleton(
+    model: mujoco.MjModel, data: mujoco.MjData, right: Array, up: Array, toward: Array
+) -> list[tuple[float, int, Array]]:
+    """Of a model that came without its meshes: each body a bar to those that it carries, or to its centre of mass."""
+    bodies = np.arange(1, model.nbody)
+    if not len(bodies):
+        return []
+    places = np.concatenate([data.xpos[bodies], data.xipos[bodies]])
+    thick = _THICK * float(np.ptp(places, axis=0).max())
+    round_ = thick * (np.cos(_RING)[:, None] * right + np.sin(_RING)[:, None] * up)
+    shapes = []
+    for body in bodies:
+        carried = data.xpos[np.flatnonzero(model.body_parentid == body)]
+        for end in carried if len(carried) else data.xipos[[body]]:
+            outline = _hull(np.concatenate([data.xpos[body] + round_, end + round_]), right, up)
+            if outline is not None:
+                shapes.append((float(0.5 * (data.xpos[body] + end) @ toward), int(body), outline))
+    return shapes
+
+
+def _hull(points: Array, right: Array, up: Array) -> Array | None:
+    """The convex outline (n, 2) of points on the picture plane; None where they have no area."""
     flat = np.stack([points @ right, points @ up], 1)
     try:
         return flat[ConvexHull(flat).vertices]
