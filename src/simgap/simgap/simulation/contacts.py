@@ -1,4 +1,4 @@
-"""What of a model can touch the ground."""
+"""What of a model can touch the ground, and whether anything can touch at all."""
 
 from __future__ import annotations
 
@@ -22,3 +22,20 @@ def colliding(model: mujoco.MjModel) -> tuple[list[int], list[int]]:
         )
     ]
     return ([int(w) for w in world], touches) if touches else ([], [])
+
+
+def may_touch(model: mujoco.MjModel) -> bool:
+    """Whether any two geoms could touch, wherever the robot is, by MuJoCo's masks, welds and parents."""
+    if model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT):
+        return False
+    if model.npair or model.nflex:
+        return True
+    kind, answers = model.geom_contype, model.geom_conaffinity
+    passes = (kind[:, None] & answers) | (answers[:, None] & kind) != 0
+    weld = model.body_weldid[model.geom_bodyid]
+    passes &= weld[:, None] != weld
+    if not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT):
+        parent = model.body_weldid[model.body_parentid[weld]]
+        child = (weld[:, None] == parent) & (weld[:, None] != 0)
+        passes &= ~(child | child.T)
+    return bool(passes.any())
