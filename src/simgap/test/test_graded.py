@@ -34,7 +34,7 @@ from simgap.inference.hypothesis import Hypothesis
 from simgap.inference.nuisance import Nuisance, Number, enumerate_nuisances
 from simgap.inference.residual import Residuals
 from simgap.inference.scores import Scores
-from simgap.inference.select import Selection
+from simgap.inference.selection import Selection
 from simgap.inference.verdict import judge
 from simgap.simulation.replay import Replayer
 from simgap.simulation.scales import measure_scales

@@ -22,7 +22,8 @@ from simgap.effects.library import enumerate_effects
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Hypothesis
 from simgap.inference.residual import Residuals
-from simgap.inference.select import Selection, Selector
+from simgap.inference.select import Selector
+from simgap.inference.selection import Selection
 from simgap.inference.stochastic_link import Chance
 from simgap.simulation.lateness import Lateness
 from simgap.simulation.replay import Replayer

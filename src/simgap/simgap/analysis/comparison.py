@@ -14,7 +14,7 @@ from simgap.inference.familiar import FURTHER, Motion
 from simgap.inference.healthy import Healthy, fitting
 from simgap.inference.nuisance import Nuisance
 from simgap.inference.scores import Scores
-from simgap.inference.select import Selection
+from simgap.inference.selection import Selection
 from simgap.inference.thresholds import REMAINS
 from simgap.inference.verdict import remains
 from simgap.simulation.replay import Replayer

@@ -38,7 +38,8 @@ from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.long_windows import LongWindows, refit
 from simgap.inference.nuisance import BOX
-from simgap.inference.select import Selection, Selector
+from simgap.inference.select import Selector
+from simgap.inference.selection import Selection
 from simgap.inference.stochastic_link import PATTERN
 from simgap.inference.structure import REPEATS, predictable_share, repeating_share
 from simgap.inference.verdict import Verdict, judge, written

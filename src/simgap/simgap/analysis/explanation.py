@@ -13,7 +13,7 @@ from simgap.analysis.waterfall import RECALIBRATED, models, steps, waterfall
 from simgap.inference.fit import Fitter
 from simgap.inference.long_windows import LongWindows
 from simgap.inference.scores import Scores
-from simgap.inference.select import Selection
+from simgap.inference.selection import Selection
 
 NAMES = ("nominal", RECALIBRATED, "diagnosed", "fit_everything")
 """Models whose free runs are told, as far as they were computed."""

@@ -12,7 +12,7 @@ from simgap.data.recording import Recording
 from simgap.inference.budget import Budget
 from simgap.inference.healthy import Healthy, healthy
 from simgap.inference.scores import Scored
-from simgap.inference.select import Selection
+from simgap.inference.selection import Selection
 from simgap.simulation.windows import light
 
 _SHARE = 0.5

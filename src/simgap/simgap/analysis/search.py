@@ -30,7 +30,8 @@ from simgap.inference.fit import Fitter
 from simgap.inference.healthy import Healthy
 from simgap.inference.nuisance import Nuisance
 from simgap.inference.residual import Residuals
-from simgap.inference.select import Selection, Selector
+from simgap.inference.select import Selector
+from simgap.inference.selection import Selection
 from simgap.inference.stochastic_link import Chance
 from simgap.simulation.horizon import forgets, usable_horizon
 from simgap.simulation.integration import finer

@@ -15,7 +15,7 @@ from simgap.inference.candidates import Hint
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.scores import Scores
-from simgap.inference.select import Selection
+from simgap.inference.selection import Selection
 
 _LEADERS = 6
 """Of those that lead, so many are told."""

@@ -15,7 +15,7 @@ from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.long_windows import LongWindows
 from simgap.inference.scores import Scores
-from simgap.inference.select import Selection
+from simgap.inference.selection import Selection
 
 Array = NDArray[np.float64]
 

@@ -21,6 +21,9 @@ EVIDENCE = 4.0
 """An effect must earn this many nats beyond the price of having looked at many candidates (the log of their number)."""
 EVIDENCE_MORE = 16.0
 """Any further effect so many: what the first one's law does not get quite right is cheap for some other to take."""
+ENOUGH = 1.2
+"""[noise floors] With no more left than that in a typical window, and no nominal number at the end of its box, no
+further effect is looked for."""
 RELEVANT = 0.10
 """An effect must take at least this share of the gap, or MOST of what is left of it above the noise floor (or as much
 strain off the priors as EVIDENCE). Healthy robots of the blind set 2511261945 leave up to 1.23 floors, and no effect

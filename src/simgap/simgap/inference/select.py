@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from simgap.inference.budget import SEARCH, Budget, OutOfTimeError
 from simgap.inference.candidates import (
     FAVOURITES,
     FIT_WINDOWS,
-    HOPELESS,
     MANY_PARAMETERS,
     Candidates,
     Hint,
@@ -24,13 +23,13 @@ from simgap.inference.candidates import (
 from simgap.inference.effort import Effort, Progress
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Hypothesis
+from simgap.inference.leaders import Leaders
 from simgap.inference.model_selection import (
+    ENOUGH,
     EVIDENCE,
     EVIDENCE_MORE,
-    FINALISTS,
     FURTHER,
     earns,
-    indistinct,
     places,
     simplest,
     stands_out,
@@ -39,22 +38,13 @@ from simgap.inference.nuisance import BOX
 from simgap.inference.proposals import Proposals
 from simgap.inference.scores import Scored, Scores
 from simgap.inference.screen import Screened, informative_windows
+from simgap.inference.selection import Selection
 from simgap.inference.thresholds import UNEXPLAINED
 
 Array = NDArray[np.float64]
 
-ENOUGH = 1.2
-"""[noise floors] With no more left than that in a typical window, and no nominal number at the end of its box, no
-further effect is looked for."""
-
 _FAR_BEHIND = 5.0
 """Times what a further effect must earn [nats] by which, in sample, a set without one of its effects is hopeless."""
-_EXCHANGED = 3
-"""The first so many begin from the same nominal numbers."""
-_KINDS = 6
-"""And of so many kinds of effects the best one."""
-_SETTLED_TOO = 2.0 * HOPELESS
-"""[nats] So far behind the winner they go through the last fit as well."""
 _BY_CHANCE = 2.0 * math.sqrt(2.0)
 """Standard deviations of a cost: two of a difference."""
 _BEHIND = 0.9
@@ -63,34 +53,6 @@ begins. Where the truth is one effect, it earns about all of it."""
 REPEATED = 1.0
 """[noise floors] With no more left than that in any channel, nominal numbers predict the robot as well as repeating the
 experiment does, and no effect is looked for: what is finer than the noise shows in how it was estimated."""
-
-
-@dataclass
-class Selection:
-    """What the competition found.
-
-    Attributes:
-        reference: nuisances only.
-        nominal_gap: held-out gap of the nominal model as it is.
-        best: the winner, which is the reference where no effect earns its place.
-        singles, rivals: scored fits, best first; rivals are those of the winner's size.
-        gains: (mean, 5 %, 95 %) of the score that each accepted effect earned when it was added.
-        unrivalled: further effects that took far more than any other would have in their place.
-        before: the model that a corrected one came from, with its numbers fitted.
-        rejected: (names of the effects, nats that it gained, nats that were asked) of the best further effect that was
-            looked at and did not earn its place.
-    """
-
-    reference: Scored
-    nominal_gap: float
-    best: Scored
-    singles: list[Scored] = field(default_factory=list)
-    rivals: list[Scored] = field(default_factory=list)
-    gains: list[tuple[float, float, float]] = field(default_factory=list)
-    screened: list[Screened] = field(default_factory=list)
-    unrivalled: set[str] = field(default_factory=set)
-    before: Scored | None = None
-    rejected: tuple[str, float, float] | None = None
 
 
 class Selector:
@@ -118,6 +80,7 @@ class Selector:
         self.candidates = Candidates(fitter, self.effects, self.scores, self._effort, self.budget.watch(progress))
         self.proposals = Proposals(fitter, self.effects, self._effort, self.candidates.say)
         self._sites = places(self.effects)
+        self._leaders = Leaders(self.candidates, self.scores, self._effort, self._sites)
 
     def hidden(self, selection: Selection) -> float:
         """What the data would gain if nominal numbers might be off twice as far, as a share of what the effect gains.
@@ -153,7 +116,7 @@ class Selector:
             self.budget.ended(str(spent))
             found = self._judged_anew(self._hurried())
         if found.best is not found.reference:
-            self._settle(found)
+            self._leaders.settle(found, bool(self.budget.left_out))
             if not self.budget.left_out:
                 try:
                     with self.budget.until(SEARCH):
@@ -288,8 +251,8 @@ class Selector:
             return replace(result, best=winner, rivals=singles, gains=[gain])
         refused: list[Scored] = []
         if winner is not None and self._promises(reference, winner):
-            singles, winner = self._followed(singles, winner, reference)
-            singles, winner = self._ended(singles, winner, reference)
+            singles, winner = self._leaders.followed(singles, winner, reference)
+            singles, winner = self._leaders.ended(singles, winner, reference)
             if self._effort.twice:
                 reference = self.candidates.without([winner], reference)
                 result = self._found = replace(result, reference=reference, best=reference, singles=singles)
@@ -346,28 +309,6 @@ class Selector:
         much = self.scores.typical(held) >= ENOUGH or self.scores.leaves_more(held)
         return self._effort.twice or much or bool(scored.fit.strained)
 
-    def _restarted(self, scored: Scored) -> Scored:
-        """A winner that leaves much, begun anew from values about its own."""
-        return self.candidates.restarted(scored) if self.scores.typical(scored.fit.held) > ENOUGH else scored
-
-    def _ended(self, scored: list[Scored], winner: Scored, without: Scored) -> tuple[list[Scored], Scored]:
-        """The winner begun anew, and so who could not be told from it before that; and who wins then.
-
-        Where ends are a matter of chance, more beginnings find a better one, whoever is right. And what a winner finds
-        there is as open to who stood beside it: they begin from its numbers too.
-        """
-        if not self._effort.twice:
-            return scored, self._restarted(winner)
-        others = [s for s in scored if s.key != winner.key]
-        close = indistinct(without.score - winner.score)
-        near = [min(s.score - winner.score, s.fit.cost - winner.fit.cost) < close for s in others[: _EXCHANGED - 1]]
-        winner = self._restarted(winner)
-        reach = self.candidates.hopeless(without, winner)
-        begun = [self.candidates.begun_from(s, winner, reach) if n else s for s, n in zip(others, near, strict=False)]
-        others = [self._restarted(s) if n else s for s, n in zip(begun, near, strict=True)] + others[len(near) :]
-        ended = sorted([winner, *others], key=by_score)
-        return ended, simplest(self.scores, ended, without, self._sites) or winner
-
     def _begun_elsewhere(self, result: Selection, screened: Sequence[Screened]) -> Selection:
         """The same with another first effect, where much is left: the first may only have imitated two others.
 
@@ -415,7 +356,7 @@ class Selector:
             return False
         if self._effort.twice:
             # Where ends are a matter of chance, it is fitted to its own before it is judged, as a first effect is.
-            best = self._restarted(self.candidates.to_the_end(best))
+            best = self._leaders.restarted(self.candidates.to_the_end(best))
         present = {e.key for e in base.fit.hypothesis.effects}
         others, unrivalled = sum(e.key not in present for e in self.effects), stands_out(base.fit, best.fit, pairs)
         first = result.gains[0][0] if result.gains else np.inf
@@ -429,7 +370,7 @@ class Selector:
             result.unrivalled |= {e.key for e in best.fit.hypothesis.effects} - present
         result.gains.append(self.scores.difference(base.fit, best.fit))
         if not self._effort.twice:
-            best = self._restarted(self.candidates.to_the_end(best))
+            best = self._leaders.restarted(self.candidates.to_the_end(best))
         pairs = sorted([best, *(p for p in pairs if p.fit.hypothesis is not best.fit.hypothesis)], key=by_score)
         result.best, result.rivals = best, pairs
         return True
@@ -459,37 +400,6 @@ class Selector:
             result.rivals = sorted([simpler, *(s for s in others if s.key != simpler.key)], key=by_score)
             result.best, result.gains = simpler, [self.scores.difference(result.reference.fit, simpler.fit)]
 
-    def _settle(self, result: Selection) -> None:
-        """Fit the winner once more with all nuisance sensitivities its own: its intervals rest on them.
-
-        Where ends are a matter of chance that may take it much further, so the first few go as far before they are
-        compared, however far behind: 30 nats became 3 on a mouse.
-        """
-        old = result.best
-        near = [r for r in result.rivals if r.key != old.key][: _EXCHANGED - 1]
-        near = [r for r in near if r.score < old.score + _SETTLED_TOO]
-        if not self._effort.twice or self.budget.left_out:
-            near = []
-        best, *settled = (self._settled(s) for s in (old, *near))
-        ahead = [self.scores.difference(best.fit, s.fit)[0] for s in settled]
-        if max(ahead, default=0.0) > 0.0:
-            leader = settled[int(np.argmax(ahead))]
-            settled, best = [best, *(s for s in settled if s is not leader)], leader
-            if len(best.fit.hypothesis.effects) == 1:
-                result.gains = [self.scores.difference(result.reference.fit, best.fit)]
-        left = [r for r in result.rivals if r is not old and r not in near]
-        result.best, result.rivals = best, sorted([best, *settled, *left], key=by_score)
-
-    def _settled(self, scored: Scored) -> Scored:
-        begun = self.candidates.told_apart(scored).fit
-        # Where the time ended after starts were judged anew, what the fit remembers is judged as before.
-        residual = self.fitter.replay(begun.hypothesis, [(begun.x, begun.z)])[0]
-        self.fitter.refresh(begun.hypothesis, begun.x, begun.z, residual)
-        fit = self.fitter.fit(begun.hypothesis, begun.x, begun.z, known=residual)
-        fit = self.fitter.cross_validate(fit)
-        fit.covariance = self.fitter.covariance(fit, thorough=True)
-        return self.scores.scored(fit)
-
     def _grow(self, result: Selection) -> None:
         """Let the parameter of each effect that was found grow with time, where the recording is long enough."""
         duration = self.fitter.residuals.replayer.aligned.duration
@@ -510,29 +420,3 @@ class Selector:
             gain = min(gain, base.fit.cost - grown.fit.cost)
             if gain > EVIDENCE + _BY_CHANCE * self.scores.roughness and low > 0.0:
                 result.best = self.candidates.to_the_end(grown)
-
-    def _followed(self, scored: list[Scored], winner: Scored, without: Scored) -> tuple[list[Scored], Scored]:
-        """Those that cannot be told from the best fitted to the end, best first; and which of them wins then."""
-        close = scored[0].score + indistinct(without.score - scored[0].score)
-        tied = [i < FINALISTS and (s.score < close or s is winner) for i, s in enumerate(scored)]
-        again = sorted(
-            (self.candidates.to_the_end(s) if t else s for s, t in zip(scored, tied, strict=True)), key=by_score
-        )
-        if self._effort.twice:
-            again = self._exchanged(again, without)
-        chosen = simplest(self.scores, again, without, self._sites)
-        assert chosen is not None
-        return again, chosen
-
-    def _exchanged(self, scored: list[Scored], without: Scored) -> list[Scored]:
-        """The first few, and the best of each kind, begun from the leader's nominal numbers too; best first.
-
-        Numbers that are fitted about one effect are open to all. Beside its own a mouse's soft ankles had stopped 200
-        nats behind a shifted COM, of whose kind they are not; beside the COM's they ended 64 in front.
-        """
-        kinds = {s.fit.hypothesis.effects[0].name: s for s in reversed(scored)}
-        chosen = {s.key for s in (*scored[:_EXCHANGED], *sorted(kinds.values(), key=by_score)[:_KINDS])}
-        first, *others = scored
-        reach = self.candidates.hopeless(without, first)
-        begun = [self.candidates.begun_from(s, first, reach) if s.key in chosen else s for s in others]
-        return sorted([first, *begun], key=by_score)

@@ -17,8 +17,9 @@ from simgap.effects.base import Effect
 from simgap.effects.link import Late
 from simgap.inference.hypothesis import Fit
 from simgap.inference.link_fit import LinkFit, LinkFitter
-from simgap.inference.model_selection import EVIDENCE, EVIDENCE_MORE, by_chance, indistinct
-from simgap.inference.select import ENOUGH, Selection, Selector
+from simgap.inference.model_selection import ENOUGH, EVIDENCE, EVIDENCE_MORE, by_chance, indistinct
+from simgap.inference.select import Selector
+from simgap.inference.selection import Selection
 from simgap.inference.structure import REPEATS, predictable_share, repeating_share
 from simgap.inference.thresholds import UNEXPLAINED
 

@@ -15,7 +15,8 @@ from simgap.inference.model_selection import earns, places, takes_a_part
 from simgap.inference.nuisance import BOX
 from simgap.inference.scores import Scored, Scores
 from simgap.inference.screen import angle, projected_response
-from simgap.inference.select import REPEATED, Selection, Selector
+from simgap.inference.select import REPEATED, Selector
+from simgap.inference.selection import Selection
 from simgap.inference.thresholds import MOST, MUCH, REMAINS, REMAINS_CHANNEL, REST, SURE, UNEXPLAINED
 
 Array = NDArray[np.float64]

@@ -8,7 +8,6 @@ not measured (contacts, tendons, servo states) settles; then the simulation runs
 from __future__ import annotations
 
 import contextlib
-import copy
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -19,10 +18,8 @@ from mujoco import batch as mjbatch
 from numpy.typing import NDArray
 
 from simgap.data.align import Aligned
-from simgap.data.mounting import field_bytes, read_field
-from simgap.data.plant import Plant, euler_angles
+from simgap.data.plant import Plant
 from simgap.data.supply import measured_supply
-from simgap.simulation.contacts import may_touch
 from simgap.simulation.drive import Drive, Follow
 from simgap.simulation.extra_laws import (
     LoadFriction,
@@ -34,8 +31,10 @@ from simgap.simulation.extra_laws import (
     needs_step,
 )
 from simgap.simulation.heat import Heat
-from simgap.simulation.mounted import RINGS_ON, MountedBatch, on_mounts
-from simgap.simulation.signal_path import filtered, inverse_outputs, shape_inputs
+from simgap.simulation.models import Fields, Models, tilts
+from simgap.simulation.mounted import RINGS_ON, MountedBatch
+from simgap.simulation.observe import observe
+from simgap.simulation.signal_path import inverse_outputs, read_outputs, shape_inputs
 from simgap.simulation.state import MeasuredState, measured_state
 from simgap.simulation.variant import InputPath, MountPath, OutputPath, Variant
 from simgap.simulation.windows import Windows
@@ -47,8 +46,6 @@ LATE = 0.1
 """[s] before a window from which coordinates whose drive has a memory are held too."""
 ELSEWHERE = (0.1, 0.01)
 """[rad], [m] by which a hinge and a slide that nothing measures are tried elsewhere."""
-_LETS_TOUCH = {"geom_contype", "geom_conaffinity", "body_contype", "body_conaffinity", "opt.disableflags"}
-"""Fields by which a variant may let touch what cannot in the model."""
 _MAX_BYTES = 150e6
 _MAX_SIMS = 1500
 _FATAL = tuple(int(getattr(mujoco.mjtWarning, f"mjWARN_{w}")) for w in ("INERTIA", "BADQPOS", "BADQVEL", "BADQACC"))
@@ -58,7 +55,7 @@ _FATAL = tuple(int(getattr(mujoco.mjtWarning, f"mjWARN_{w}")) for w in ("INERTIA
 class _Row:
     """What one variant needs to run: the model fields in which it differs and indices of its shared signals."""
 
-    fields: dict[str, NDArray[np.generic]]
+    fields: Fields
     inputs: int
     state: int
 
@@ -118,11 +115,7 @@ class Replayer:
     ) -> None:
         self.plant, self.aligned, self.windows, self.floor = plant, aligned, windows, floor
         self.threads = threads or min(os.cpu_count() or 1, 8)
-        self.base = _const(plant.model)
-        self._base_bytes = field_bytes(self.base)
-        self._apart = None if may_touch(self.base) else _without_contacts(self.base)
-        self._mounted = None if plant.mounting is None else _const(plant.mounting.of(plant.model))
-        self._mounted_bytes = {} if self._mounted is None else field_bytes(self._mounted)
+        self._models = Models(plant, self.threads)
         self._inputs: dict[bytes, Array] = {}
         self._states: dict[bytes, MeasuredState] = {}
         self.simulated_seconds = 0.0
@@ -130,7 +123,7 @@ class Replayer:
         self._dt = dt
         self._lead_steps = round(windows.warm_up * period / dt)
         self._late_from = windows.warm_up - LATE / period
-        self._times = (windows.warm_up + windows.sample) * period
+        self._times = (windows.warm_up + windows.sample).astype(np.float64) * period
         self._steps = int(np.ceil(self._times[-1] / dt)) + 2
         self._run_start = np.zeros(len(windows), np.int64)
         self._run_stop = np.zeros(len(windows), np.int64)
@@ -194,7 +187,7 @@ class Replayer:
         window = np.arange(len(self.windows))
         variants, which = self._set_up([variant], np.zeros(len(self.windows), np.int64), window)
         with quiet_mujoco():
-            way = _REMEMBERS + (_TILTS if _tilts(variant) else 0)
+            way = _REMEMBERS + (_TILTS if tilts(variant) else 0)
             self._chunk(self._prepare(variants), _Pairs(which, window), way, kept)
         return {f: np.nan_to_num(np.concatenate(v)) for f, v in kept.items()}
 
@@ -232,36 +225,8 @@ class Replayer:
             if out_key not in state_keys:
                 state_keys[out_key] = len(states)
                 states.append(self._measured(variant.outputs))
-            rows.append(_Row(self._differences(variant), input_keys[key], state_keys[out_key]))
+            rows.append(_Row(self._models.differences(variant), input_keys[key], state_keys[out_key]))
         return _Prepared(variants, rows, shape_inputs(self.aligned, paths), states)
-
-    def _differences(self, variant: Variant) -> dict[str, NDArray[np.generic]]:
-        """Fields of a variant's model that are not those of the base, or of the base on mounts."""
-        mounting, told = self.plant.mounting, self._base_bytes
-        if _tilts(variant) and mounting is not None:
-            changed, told = _const(on_mounts(mounting, variant)), self._mounted_bytes
-        else:
-            changed = _const(variant.model)
-        different = {}
-        for field, usual in told.items():
-            mine = read_field(changed, field)
-            if mine.tobytes() != usual:
-                different[field] = np.array(mine)
-        return different
-
-    def _batch(self, rows: Sequence[_Row], which: Ints, mounted: bool = False) -> mjbatch.Batch:
-        mounting, count = self.plant.mounting, len(which)
-        fields = sorted(set().union(*(rows[v].fields for v in np.unique(which))))
-        on_mount = MountedBatch(mounting, self._mounted, count, self.threads) if mounted and mounting else None
-        model = self.base if self._apart is None or _LETS_TOUCH.intersection(fields) else self._apart
-        batch = mjbatch.Batch(model, count, self.threads) if on_mount is None else on_mount
-        expand = batch.expand if on_mount is None else on_mount.whole
-        for field in fields:
-            values = expand(field)
-            for v in np.unique(which):
-                if field in rows[v].fields:
-                    values[which == v] = rows[v].fields[field]
-        return batch
 
     # -- the loop ------------------------------------------------------------------------------------------------
 
@@ -269,10 +234,10 @@ class Replayer:
         self, prepared: _Prepared, pairs: _Pairs, way: int, probe: dict[str, list[Array]] | None = None
     ) -> Array:
         rows, which, window = prepared.rows, pairs.variant, pairs.window
-        batch = self._batch(rows, which, way >= _TILTS)
+        batch = self._models.batch([row.fields for row in rows], which, way >= _TILTS)
         batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         if self._start is not None:
-            self._begin(batch, self._start[window])
+            self._models.begin(batch, self._start[window])
         mine = [prepared.variants[v] for v in which]
         paths = np.array([rows[v].inputs for v in which])
         origin = self.windows.start[window] - self.windows.warm_up
@@ -284,16 +249,16 @@ class Replayer:
         history = np.empty((len(which), self._steps, self.plant.model.nsensordata))
         left = self._left_by_heat(prepared, which, origin)
         sims = _Simulations(batch, mine, pairs, drive, follow, history, np.zeros(len(which), bool), left)
-        tilts = isinstance(batch, MountedBatch)
-        if tilts:
+        mounted = isinstance(batch, MountedBatch)
+        if mounted:
             self._tilt(sims, batch)
         if way % _TILTS != _ROLLS:
-            self._step_through(sims, tilts or way % _TILTS == _REMEMBERS or self._settles(batch), probe)
+            self._step_through(sims, mounted or way % _TILTS == _REMEMBERS or self._settles(batch), probe)
         else:
-            self._roll_out(sims, tilts or self._settles(batch))
+            self._roll_out(sims, mounted or self._settles(batch))
         warned = batch.warning[:, :, 1].astype(np.int64)
         failed = sims.failed | (warned[:, list(_FATAL)] > 0).any(axis=1)
-        outputs = self._sample(history, mine)
+        outputs = read_outputs(history, mine, self._times, self._dt)
         outputs[failed] = np.nan
         return outputs
 
@@ -309,15 +274,6 @@ class Replayer:
                 found = np.ones((len(which), len(ahead), share.shape[1])) if found is None else found
                 found[which == v] = share[rows[which == v]]
         return found
-
-    def _begin(self, batch: mjbatch.Batch, rows: Array) -> None:
-        """Put simulations into states (n, nstate) of the plain model."""
-        if not isinstance(batch, MountedBatch):
-            batch.state[:] = rows
-            return
-        plain = mjbatch.Batch(self.base, len(rows), 1)
-        plain.state[:] = rows
-        batch.put(plain)
 
     def _tilt(self, sims: _Simulations, batch: MountedBatch) -> None:
         """Bring mounts to where they are as the warm-up begins, from what the robot did before it."""
@@ -404,34 +360,6 @@ class Replayer:
                     values.append(np.array(batch.bind(field)))
         history[:, :first] = history[:, first : first + 1]
 
-    def _sample(self, history: Array, variants: Sequence[Variant]) -> Array:
-        """Outputs at the recorded times, (n, ns, no), through each variant's output path."""
-        plant, n = self.plant, history.shape[0]
-        out = np.empty((n, len(self._times), len(plant.outputs)))
-        delay = np.array([v.outputs.delay - v.outputs.lead for v in variants])
-        lag = np.array([v.outputs.lag for v in variants])
-        sims = np.arange(n)[:, None]
-        for i, channel in enumerate(plant.outputs):
-            at = np.clip((self._times[None, :] - delay[:, i : i + 1]) / self._dt, 0.0, self._steps - 1.0)
-            low = np.minimum(at.astype(np.int64), self._steps - 2)
-            share = at - low
-            if channel.euler >= 0:
-                quaternion = history[:, :, channel.address : channel.address + 4]
-                series = np.unwrap(euler_angles(quaternion)[..., channel.euler], axis=1)
-            else:
-                series = history[:, :, channel.address]
-            if lag[:, i].any():
-                series = filtered(series, lag[:, i] / self._dt)
-            out[:, :, i] = series[sims, low] * (1.0 - share) + series[sims, low + 1] * share
-        for j, variant in enumerate(variants):
-            for (x, y, z), turn in variant.outputs.turns:
-                out[j][:, [x, y, z]] = out[j][:, [x, y, z]] @ turn.T
-        scale = np.array([v.outputs.scale for v in variants])[:, None, :]
-        bias = np.array([v.outputs.bias for v in variants])[:, None, :]
-        limit = np.array([v.outputs.limit for v in variants])[:, None, :]
-        result: Array = np.clip(out * scale + bias, -limit, limit)
-        return result
-
     # -- coordinates that are not measured -----------------------------------------------------------------------
 
     def unseen(self) -> Ints:
@@ -463,60 +391,22 @@ class Replayer:
         size = np.sqrt((away**2).mean(axis=(1, 2)))
         return float(np.median(np.where(np.isfinite(size), size, np.inf)))
 
-    def _observe(self, length: float = 6.0, lead: float = 1.5, moved: Array | None = None) -> Array:
-        """State rows (nw, nstate) at the start of each warm-up: the nominal model held to the measurement all along.
-
-        The recording is observed in pieces of ``length`` seconds, each with a run-in of ``lead`` seconds that begins
-        at the model's reference pose, or ``moved`` (nq,) from it.
-        """
-        period, dt, windows = self.aligned.period, self._dt, self.windows
-        begin = windows.start - windows.warm_up
-        pieces: list[tuple[int, int]] = []
-        for run in self.aligned.runs:
-            step = max(int(length / period), 1)
-            pieces += [(s, run.start) for s in range(run.start, run.stop, step)]
-        origins = np.array([max(s - int(lead / period), r) for s, r in pieces], np.int64)
-        piece_of = np.searchsorted([s for s, _ in pieces], begin, side="right") - 1
-        at = np.rint((begin - origins[piece_of]) * period / dt).astype(np.int64)
+    def _observe(self, moved: Array | None = None) -> Array:
+        """State rows (nw, nstate) at the start of each warm-up, see `observe`."""
         nominal = Variant.nominal(self.plant)
         nominal.mounts = MountPath.neutral(self.plant)
         prepared = self._prepare([nominal])
-        which = np.zeros(len(pieces), np.int64)
-        batch = self._batch(prepared.rows, which)
-        key = 0 if self.plant.model.nkey else -1
-        batch.reset(keyframe=key, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-        if moved is not None:
-            batch.bind("qpos")[:] += moved
-        paths = np.full(len(pieces), prepared.rows[0].inputs)
-        drive = Drive(self.plant, [nominal] * len(pieces), paths, prepared.inputs, origins, dt, period)
-        stops = np.array([next(r.stop for r in self.aligned.runs if r.start <= o < r.stop) for o in origins])
-        drive.limits(np.array([r for _, r in pieces]), stops)
-        follow = Follow(prepared.states, which, origins, batch, stops)
-        found = np.zeros((len(windows), batch.nstate))
-        by_step: dict[int, list[int]] = {}
-        for w, k in enumerate(at):
-            by_step.setdefault(int(k), []).append(w)
-        for k in range(int(at.max(initial=0)) + 1):
-            position = k * dt / period
-            follow.apply(position, None, None)
-            for w in by_step.get(k, ()):
-                found[w] = batch.state[piece_of[w]]
-            batch.ctrl[:], batch.qfrc_applied[:] = drive.at(position)
-            batch.step()
-        return found
+        begin = self.windows.start - self.windows.warm_up
+        return observe(self.aligned, nominal, self._models, prepared.inputs, prepared.states, begin, moved)
 
 
 _ROLLS, _LOOKS, _REMEMBERS, _TILTS = 0, 1, 2, 4
 """Ways in which a variant runs: in one call, step by step, step by step with its past; and any of these on mounts."""
 
 
-def _tilts(variant: Variant) -> bool:
-    return variant.plant.mounting is not None and variant.mounts.gives
-
-
 def _way(variant: Variant, always_on: bool = True) -> int:
     """How a variant must run: its servos or frictions look at the state or are switched, or its past matters."""
-    if _tilts(variant):
+    if tilts(variant):
         return _TILTS + _on_firm_ground(variant, always_on)
     return _on_firm_ground(variant, always_on)
 
@@ -548,16 +438,3 @@ def quiet_mujoco() -> Iterator[None]:
     finally:
         config.logto_console, config.logto_file = console, file
         config.set()
-
-
-def _const(model: mujoco.MjModel) -> mujoco.MjModel:
-    """``model`` with its derived constants brought up to date, in place."""
-    mujoco.mj_setConst(model, mujoco.MjData(model))
-    return model
-
-
-def _without_contacts(model: mujoco.MjModel) -> mujoco.MjModel:
-    """A copy in which contacts are not looked for: a fifth of the time of a small robot of which nothing can touch."""
-    made = copy.copy(model)
-    made.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    return made

@@ -1,4 +1,4 @@
-"""Signal paths applied to whole recordings: commands on their way in, and measurements traced back."""
+"""Signal paths: commands on their way in, what sensors say on its way out, and measurements traced back."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.data.align import Aligned
+from simgap.data.plant import euler_angles
 from simgap.simulation.lateness import Lateness
-from simgap.simulation.variant import InputPath, OutputPath
+from simgap.simulation.variant import InputPath, OutputPath, Variant
 
 Array = NDArray[np.float64]
 
@@ -80,3 +81,35 @@ def filtered(series: Array, steps: Array) -> Array:
     for k in range(1, series.shape[1]):
         value = found[:, k] = series[:, k] + keep * (value - series[:, k])
     return found
+
+
+def read_outputs(history: Array, variants: Sequence[Variant], times: Array, dt: float) -> Array:
+    """Outputs (n, ns, no) ``times`` [s] after the first step, through each variant's output path.
+
+    ``history`` (n, steps, nsensordata): what the sensors of each simulation, one of ``variants``, said step by step.
+    """
+    (n, steps, _), channels = history.shape, variants[0].plant.outputs
+    out = np.empty((n, len(times), len(channels)))
+    delay = np.array([v.outputs.delay - v.outputs.lead for v in variants])
+    lag = np.array([v.outputs.lag for v in variants])
+    sims = np.arange(n)[:, None]
+    for i, channel in enumerate(channels):
+        at = np.clip((times[None, :] - delay[:, i : i + 1]) / dt, 0.0, steps - 1.0)
+        low = np.minimum(at.astype(np.int64), steps - 2)
+        share = at - low
+        if channel.euler >= 0:
+            quaternion = history[:, :, channel.address : channel.address + 4]
+            series = np.unwrap(euler_angles(quaternion)[..., channel.euler], axis=1)
+        else:
+            series = history[:, :, channel.address]
+        if lag[:, i].any():
+            series = filtered(series, lag[:, i] / dt)
+        out[:, :, i] = series[sims, low] * (1.0 - share) + series[sims, low + 1] * share
+    for j, variant in enumerate(variants):
+        for (x, y, z), turn in variant.outputs.turns:
+            out[j][:, [x, y, z]] = out[j][:, [x, y, z]] @ turn.T
+    scale = np.array([v.outputs.scale for v in variants])[:, None, :]
+    bias = np.array([v.outputs.bias for v in variants])[:, None, :]
+    limit = np.array([v.outputs.limit for v in variants])[:, None, :]
+    result: Array = np.clip(out * scale + bias, -limit, limit)
+    return result
