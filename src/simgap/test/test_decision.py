@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from robots import aligned_of, plant_of, simulate
+from scipy.stats import t
 
 from simgap.data.plant import Plant
 from simgap.effects.base import Context, Effect
@@ -66,9 +67,26 @@ def test_a_gain_that_is_stated_is_not_off_by_decades() -> None:
         own = next(e for e in ServoGain.candidates(context) if e.site.name == "elbow_servo")
         return Hypothesis((own,)).implausible(np.array([value]))
 
+    def density(value: float) -> float:
+        """Of Student's t with two degrees of freedom, over that at its middle."""
+        return float(t.logpdf(np.log(value) / STATED, 2.0) - t.logpdf(0.0, 2.0))
+
     assert cost(plain, 0.5) == 0.0
-    assert cost(stated, 0.5) == pytest.approx(0.5 * (np.log(2.0) / STATED) ** 2)
+    assert cost(stated, 0.5) == pytest.approx(-density(0.5))
+    assert 3.0 < cost(stated, 0.02) - cost(stated, 0.5) < 10.0
     assert cost(stated, 1.0) == 0.0
+
+
+def test_gains_that_are_stated_together_are_off_together() -> None:
+    """A unit that was forgotten is one mistake, whatever the number of servos; servos that differ are as many."""
+    plain = plant_of("arm")
+    rows = {name: {"kp": 12.0, "kd": 0.5} for name in plain.names(mujoco.mjtObj.mjOBJ_ACTUATOR)}
+    stated = replace(plain, map=plain.map.model_copy(update={"gains": rows}))
+    own = next(e for e in ServoGain.candidates(Context(stated, cast(Any, None))) if e.site.name == "all")
+    assert len(own.parameters) == 2
+    both, one, alone = (Hypothesis((own,)).implausible(np.array(x)) for x in ([0.5, 0.5], [0.5, 1.0], [0.7071, 0.7071]))
+    assert both == pytest.approx(-float(t.logpdf(np.log(0.5) / STATED, 2.0) - t.logpdf(0.0, 2.0)))
+    assert one == pytest.approx(alone + 2.0 * 0.5 * (0.5 * np.log(2.0) / STATED) ** 2, rel=1e-3)
 
 
 def test_law_error_does_not_weigh_on_what_is_stated() -> None:

@@ -23,6 +23,7 @@ from simgap.data.known import Known, known_signals, thermometers
 from simgap.data.mapping import GainRow, Map
 from simgap.data.mounting import Mounting, mounting
 from simgap.data.setup import AS_MODELLED, Setup, setups
+from simgap.data.unrecorded import leave_out_unrecorded
 
 Array = NDArray[np.float64]
 Obj = mujoco.mjtObj
@@ -107,8 +108,8 @@ def load_model(path: str | Path) -> mujoco.MjModel:
 def build_plant(spec: mujoco.MjSpec, mapping: Map) -> Plant:
     """Compile the nominal model with the sensors and controllers that the map asks for.
 
-    ``spec`` is changed: sensors are added for outputs given by joint, body, site or tendon, and a motor with ``gains``
-    becomes a position servo of these gains.
+    ``spec`` is changed: sensors are added for outputs given by joint, body, site or tendon, a motor with ``gains``
+    becomes a position servo of these gains, and what the map knows nothing of is left out (`leave_out_unrecorded`).
 
     Raises:
         GapInputError: a name that the model lacks (with the nearest valid names), a unit that does not fit, a kind of
@@ -121,6 +122,8 @@ def build_plant(spec: mujoco.MjSpec, mapping: Map) -> Plant:
     if not mapping.outputs:
         raise GapInputError(f"{mapping.source}: outputs: nothing measured is given, so there is nothing to compare")
     base = _compile(spec, mapping)
+    unrecorded = leave_out_unrecorded(spec, base, mapping)
+    base = _compile(spec, mapping) if unrecorded else base
     for name, row in mapping.gains.items():
         _close_loop(spec, base, name, row, mapping)
     sensors = [sensor_of(spec, base, row, f"{mapping.source}: outputs[{i}]") for i, row in enumerate(mapping.outputs)]
@@ -135,6 +138,11 @@ def build_plant(spec: mujoco.MjSpec, mapping: Map) -> Plant:
         for i, (row, sensor) in enumerate(zip(mapping.outputs, sensors, strict=True))
     )
     warnings = []
+    if unrecorded:
+        warnings.append(
+            f"{', '.join(unrecorded)} and what hangs there are left out: the map names nothing of them, so that nobody "
+            "knows where they were"
+        )
     told = {c.actuator for c in inputs}
     for i, name in enumerate(model_names(model, Obj.mjOBJ_ACTUATOR)):
         if i not in told and not any(c.measured for c in inputs):

@@ -24,8 +24,8 @@ from simgap.simulation.variant import Variant
 Array = NDArray[np.float64]
 Obj = mujoco.mjtObj
 FEW_JOINTS, SEVERAL_JOINTS = 4, 12
-"""A robot with no more joints gets values of their own in a group; the second where nothing touches the ground, which
-makes replays cheap."""
+"""A robot of which no more joints are seen gets values of their own in a group; the second where nothing touches the
+ground, which makes replays cheap."""
 _AT_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
@@ -291,12 +291,13 @@ def by_joint(context: Context, site: Site, make: Callable[[list[int]], Parameter
 def by_part(
     context: Context, site: Site, kind: mujoco.mjtObj, make: Callable[[list[int]], Parameter]
 ) -> list[Parameter]:
-    """Parameters of a `ByPart`: one for all parts of a site, or one each where the robot has few joints.
+    """Parameters of a `ByPart`: one for all parts of a site, or one each where few joints of the robot are seen.
 
     ``make`` lays out the parameter of some parts.
     """
     few = FEW_JOINTS if colliding(context.model)[0] else SEVERAL_JOINTS
-    if len(site.targets) < 2 or len(scalar_joints(context.model)) > few:
+    seen = sum(context.seen(Obj.mjOBJ_JOINT, j) for j in scalar_joints(context.model))
+    if len(site.targets) < 2 or seen > few:
         return [make(list(site.targets))]
     names = model_names(context.model, kind)
     made = [(names[i], make([i])) for i in site.targets]

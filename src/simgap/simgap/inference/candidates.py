@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from itertools import pairwise, product
+from itertools import combinations, pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,8 @@ MANY_PARAMETERS = 6
 """Hypotheses with more are fitted in some windows first, and in all only where that promises something."""
 ITERATIONS = 15
 """Of a fit of what single parts speak for together, which has many parameters; most take no new sensitivities."""
+PAIRED, _PAIRS_ENDED = 5, 2
+"""Kinds of effects that are tried two by two, and pairs that are fitted to their end."""
 TOGETHER = 4
 """Kinds of effects, at most, that single parts speak for and that are tried together."""
 
@@ -106,6 +109,23 @@ class Candidates:
         _, hypothesis, x = min(tried, key=lambda t: t[0])
         fit = self.fitter.fit(hypothesis, x, base.fit.z, ITERATIONS, select=select)
         return self.scores.scored(self.fitter.polish(fit, rounds=2))
+
+    def paired(self, singles: Sequence[Scored]) -> Scored | None:
+        """The best of the best of each kind, two by two; None where there are no two kinds."""
+        kinds = {s.fit.hypothesis.effects[0].name: s.fit for s in sorted(singles, key=by_score, reverse=True)}
+        chosen = [s.fit for s in sorted(singles, key=by_score) if s.fit is kinds[s.fit.hypothesis.effects[0].name]]
+        fits: list[Fit] = []
+        for one, other in combinations(chosen[:PAIRED], 2):
+            self.say("fit pairs", len(fits) / math.comb(PAIRED, 2))
+            hypothesis = Hypothesis((*one.hypothesis.effects, *other.hypothesis.effects))
+            u, neutral = hypothesis.scaled(np.concatenate([one.x, other.x])), hypothesis.vector("neutral")
+            # Each by itself does the work of both.
+            x = hypothesis.values(0.5 * (u + hypothesis.scaled(neutral)))
+            fits.append(self.fitter.fit(hypothesis, x, np.zeros_like(one.z)))
+        if not fits:
+            return None
+        best = sorted(fits, key=lambda fit: fit.cost)[:_PAIRS_ENDED]
+        return min((self.scores.scored(self.fitter.polish(fit, rounds=2)) for fit in best), key=by_score)
 
     def fitted(self, starts: Sequence[Start], base: Scored) -> list[Scored]:
         """Fits of ``base`` with one effect more, best first."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,6 +13,8 @@ from simgap.inference.nuisance import BOX
 
 Array = NDArray[np.float64]
 
+_STATED_TAIL = 2.0
+"""Degrees of freedom of the prior of what somebody has stated."""
 _SEVERAL = 2
 """One nominal number may be as far off as its prior lets it; of several, another effect may hide in them."""
 
@@ -63,8 +66,21 @@ class Hypothesis:
         return found
 
     def implausible(self, x: Array) -> float:
-        """How far [nats] values are from what somebody has stated of them."""
-        return 0.5 * float(((self.away(x) / self.vector("spread")) ** 2).sum())
+        """How far [nats] values are from what somebody has stated of them.
+
+        What an effect's parts have in common may be far off, as a unit or a gear that was forgotten is (Student-t);
+        what they differ by is not.
+        """
+        if not self.effects:
+            return 0.0
+        spread, ends = self.vector("spread"), np.cumsum([len(e.parameters) for e in self.effects])[:-1]
+        stated, away = np.split(np.isfinite(spread), ends), np.split(self.away(x) / spread, ends)
+        found = 0.0
+        for told, part in zip(stated, away, strict=True):
+            common = float(part[told].mean()) if told.any() else 0.0
+            found += 0.5 * float(((part[told] - common) ** 2).sum())
+            found += 0.5 * (_STATED_TAIL + 1.0) * math.log1p(common**2 / _STATED_TAIL)
+        return found
 
     def with_effect(self, effect: Effect) -> Hypothesis:
         """With one effect more."""

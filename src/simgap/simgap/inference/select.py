@@ -238,6 +238,7 @@ class Selector:
         singles, reference = self.candidates.finals(
             singles, reference, screened[:FAVOURITES], [begun.best.fit] if begun else []
         )
+        singles = self._leaders.best_of_kinds(singles)
         self.proposals.forget()
         gap = self._nominal_gap()
         result = replace(self._found, reference=reference, nominal_gap=gap, best=reference, singles=singles)
@@ -265,6 +266,8 @@ class Selector:
             overtaken = begun is not None and self._better(begun, result)
             if self.scores.typical(result.best.fit.held) > ENOUGH and not overtaken:
                 result = self._begun_elsewhere(result, screened)
+            if self.scores.typical(result.best.fit.held) > UNEXPLAINED and not self._effort.twice:
+                result = self._begun_in_pairs(result, screened)
         else:
             if self.scores.worst_channel(reference.fit.held) > UNEXPLAINED:
                 # Beside numbers that fit other effects show than about the nominal ones.
@@ -328,6 +331,19 @@ class Selector:
                 known = {r.key for r in found.rivals}
                 found.rivals = sorted([*found.rivals, *(r for r in left.rivals if r.key not in known)], key=by_score)
         return found
+
+    def _begun_in_pairs(self, result: Selection, screened: Sequence[Screened]) -> Selection:
+        """The same with two first effects of different kinds at once, where much is left.
+
+        Of a leg whose servos are weak and rub, friction that grows with load explains most, and beside that neither
+        earns its place.
+        """
+        pair = self.candidates.paired(result.singles)
+        several = len(self.effects) ** 2
+        if pair is None or not earns(self.scores, result.reference, pair, several):
+            return result
+        other = self._forward(result, result.singles, pair, screened)
+        return other if self._better(other, result) else result
 
     def _only_together(
         self, result: Selection, screened: Sequence[Screened], firsts: Sequence[Scored] = ()

@@ -43,6 +43,8 @@ MAX_WINDOWS = 60
 """More are thinned out by whole blocks: 36 s of scored motion say what a long recording has to say."""
 MIN_WINDOWS = 24
 """What a slow model gets at least."""
+FEW_LONG = 12
+"""Longer windows a recording must hold at least, to be cut into them: each says more."""
 LIGHT, LIGHT_IN_THE_AIR = 8, 12
 """Degrees of freedom up to which a model gets all of them; the second where nothing touches anything, which makes
 replays cheap."""
@@ -102,7 +104,7 @@ def longer(aligned: Aligned, warm_up: float = WARM_UP) -> float:
     most = held(HORIZON)[1]
     for horizon in HORIZONS_LONG:
         windows, covered = held(horizon)
-        if windows >= MIN_WINDOWS and covered >= _COVERED * most:
+        if windows >= FEW_LONG and covered >= _COVERED * most:
             return horizon
     return HORIZON
 
