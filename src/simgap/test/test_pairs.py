@@ -98,6 +98,24 @@ def test_a_wrong_first_effect_is_given_up_for_what_was_found_beside_it(
     assert better.score < stuck.best.score
 
 
+def test_two_effects_are_found_at_once_where_a_third_stands_in_for_both(
+    drag_and_friction: tuple[Plant, Diagnosis],
+) -> None:
+    """Stuck with a gain alone, as where beside it neither drag nor friction earns its place."""
+    _, found = drag_and_friction
+    selector, right = found.selector, found.selection
+    gain = min((s for s in right.singles if "servo_gain" in s.key), key=lambda s: s.score)
+    pair = selector.candidates.paired(right.singles)
+    assert pair is not None
+    assert {e.key for e in pair.fit.hypothesis.effects} == {"coulomb_friction@hinge", "viscous_friction@hinge"}
+    gains = [selector.scores.difference(right.reference.fit, gain.fit)]
+    begun = selector._begun_in_pairs(replace(right, best=gain, rivals=[gain], gains=gains), right.screened)
+    assert {e.key for e in begun.best.fit.hypothesis.effects} == {"coulomb_friction@hinge", "viscous_friction@hinge"}
+    # Where that is there already, it stays.
+    assert selector._begun_in_pairs(right, right.screened) is right
+    assert selector.candidates.paired([gain]) is None
+
+
 def test_two_effects_are_found_of_which_none_would_do_alone(drag_and_friction: tuple[Plant, Diagnosis]) -> None:
     plant, found = drag_and_friction
     selector, right = found.selector, found.selection

@@ -27,8 +27,6 @@ Hint = tuple[str, str, float]
 
 FIT_WINDOWS = 30
 """Windows in which candidates are fitted; they are scored, and the leaders refitted, in all."""
-NEAR_WINDOWS = 12
-"""Windows in which is tried which value a fit had best begin at: the fit itself is in more."""
 LARGER = (1.25, 1.6, 2.2)
 """How many times as large an effect is tried before it is fitted, as the screening found it."""
 HOPELESS, FAR = 20.0, 0.3
@@ -133,12 +131,11 @@ class Candidates:
         first = not base.fit.hypothesis.effects
         without = self.fitter.nominal if first else base.fit
         select = informative_windows(self.fitter, without, FIT_WINDOWS)
-        near = informative_windows(self.fitter, without, NEAR_WINDOWS)
 
         def begun(effect: Effect, x: Array, z: Array) -> Fit:
             hypothesis = base.fit.hypothesis.with_effect(effect)
             if first and not self.effort.twice:
-                x, z = self._nearest(hypothesis, x, z, near)
+                x, z = self._nearest(hypothesis, x, z, select)
             many = hypothesis.size > MANY_PARAMETERS
             return self.fitter.fit(hypothesis, x, z, select=select, roughly=many)
 

@@ -71,9 +71,10 @@ class Hypothesis:
         What an effect's parts have in common may be far off, as a unit or a gear that was forgotten is (Student-t);
         what they differ by is not.
         """
-        if not self.effects:
+        spread = self.vector("spread")
+        if not np.isfinite(spread).any():
             return 0.0
-        spread, ends = self.vector("spread"), np.cumsum([len(e.parameters) for e in self.effects])[:-1]
+        ends = np.cumsum([len(e.parameters) for e in self.effects])[:-1]
         stated, away = np.split(np.isfinite(spread), ends), np.split(self.away(x) / spread, ends)
         found = 0.0
         for told, part in zip(stated, away, strict=True):

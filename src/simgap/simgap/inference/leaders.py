@@ -11,7 +11,6 @@ from simgap.inference.effort import Effort
 from simgap.inference.model_selection import ENOUGH, FINALISTS, indistinct, simplest
 from simgap.inference.scores import Scored, Scores
 from simgap.inference.selection import Selection
-from simgap.inference.thresholds import UNEXPLAINED
 
 _EXCHANGED = 3
 """The first so many begin from the same nominal numbers."""
@@ -30,19 +29,6 @@ class Leaders:
     def __init__(self, candidates: Candidates, scores: Scores, effort: Effort, sites: Counter[str]) -> None:
         self._candidates, self._scores, self._effort, self._sites = candidates, scores, effort, sites
         self._fitter = candidates.fitter
-
-    def best_of_kinds(self, scored: list[Scored]) -> list[Scored]:
-        """The best of each kind fitted to its end, where the first leaves much; best first.
-
-        First fits go by sensitivities of the nominal model, and where the gap is large they stop as far short as the
-        gap is large: on a real leg servos of half their gain were 240 nats behind a friction, and fitted on 66 ahead.
-        """
-        if not scored or self._effort.twice or self._scores.typical(scored[0].fit.held) <= UNEXPLAINED:
-            return scored
-        kinds = {s.fit.hypothesis.effects[0].name: s for s in reversed(scored)}
-        chosen = {s.key for s in sorted(kinds.values(), key=by_score)[:_KINDS]}
-        ended = [self._candidates.to_the_end(s) if s.key in chosen else s for s in scored]
-        return sorted(ended, key=by_score)
 
     def followed(self, scored: list[Scored], winner: Scored, without: Scored) -> tuple[list[Scored], Scored]:
         """Those that cannot be told from the best fitted to the end, best first; and which of them wins then."""

@@ -238,7 +238,6 @@ class Selector:
         singles, reference = self.candidates.finals(
             singles, reference, screened[:FAVOURITES], [begun.best.fit] if begun else []
         )
-        singles = self._leaders.best_of_kinds(singles)
         self.proposals.forget()
         gap = self._nominal_gap()
         result = replace(self._found, reference=reference, nominal_gap=gap, best=reference, singles=singles)
