@@ -10,9 +10,9 @@ import numpy as np
 
 from simgap.data.channels import model_names
 from simgap.data.mapping import Map
+from simgap.data.trees import tree_of
 
 Obj = mujoco.mjtObj
-_AT_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _AT_SITE = (int(mujoco.mjtTrn.mjTRN_SITE), int(mujoco.mjtTrn.mjTRN_SLIDERCRANK))
 _ROUND_A_GEOM = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
 _OF_BODIES = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
@@ -82,34 +82,17 @@ def _tied(model: mujoco.MjModel) -> set[int]:
 
 def _driven(model: mujoco.MjModel) -> set[int]:
     """Trees with an actuator at a joint."""
-    at = [
-        int(e[0])
-        for kind, e in zip(model.actuator_trntype, model.actuator_trnid, strict=True)
-        if int(kind) in _AT_JOINT
-    ]
-    return {int(model.body_treeid[model.jnt_bodyid[j]]) for j in at}
+    return {tree_of(model, Obj.mjOBJ_ACTUATOR, a) for a in range(model.nu)}
 
 
 def _names_in(model: mujoco.MjModel, tree: int) -> set[str]:
     """Names of all that is in a tree, and of the actuators and sensors at it."""
-    body_of = {
-        Obj.mjOBJ_BODY: np.arange(model.nbody),
-        Obj.mjOBJ_XBODY: np.arange(model.nbody),
-        Obj.mjOBJ_JOINT: model.jnt_bodyid,
-        Obj.mjOBJ_GEOM: model.geom_bodyid,
-        Obj.mjOBJ_SITE: model.site_bodyid,
-    }
-    joints = np.where(np.isin(model.actuator_trntype, _AT_JOINT), model.actuator_trnid[:, 0], 0)
-    body_of[Obj.mjOBJ_ACTUATOR] = model.jnt_bodyid[joints] if model.njnt else np.zeros(model.nu, np.int64)
     found = set[str]()
-    for kind, bodies in body_of.items():
-        if kind != Obj.mjOBJ_XBODY:
-            inside = model.body_treeid[bodies] == tree
-            found |= {name for name, mine in zip(model_names(model, kind), inside, strict=True) if mine}
+    for kind in (Obj.mjOBJ_BODY, Obj.mjOBJ_JOINT, Obj.mjOBJ_GEOM, Obj.mjOBJ_SITE, Obj.mjOBJ_ACTUATOR):
+        found |= {name for i, name in enumerate(model_names(model, kind)) if tree_of(model, kind, i) == tree}
     for i, name in enumerate(model_names(model, Obj.mjOBJ_SENSOR)):
-        kind = Obj(int(model.sensor_objtype[i]))
-        # Of what cannot be placed, any tree may be a part: the momentum of all, a tendon's length.
-        body = int(body_of[kind][model.sensor_objid[i]]) if kind in body_of else 0
-        if body == 0 or model.body_treeid[body] == tree:
+        # Of what cannot be placed, any tree may be a part: the force at the trunk, the momentum of all.
+        at = tree_of(model, Obj(int(model.sensor_objtype[i])), int(model.sensor_objid[i]))
+        if at in (-1, tree):
             found.add(name)
     return found - {""}

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from simgap.data.channels import model_names
 from simgap.data.plant import Plant
 from simgap.data.supply import sways
+from simgap.data.trees import tree_of
 from simgap.simulation.contacts import colliding
 from simgap.simulation.replay import Replayer
 from simgap.simulation.scales import Scales, measure_scales
@@ -26,7 +27,6 @@ Obj = mujoco.mjtObj
 FEW_JOINTS, SEVERAL_JOINTS = 4, 12
 """A robot of which no more joints are seen gets values of their own in a group; the second where nothing touches the
 ground, which makes replays cheap."""
-_AT_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -126,7 +126,7 @@ class Context:
 
         What belongs to no tree (the ground) or to several (a tendon) is always looked at.
         """
-        tree = _tree(self.model, kind, index)
+        tree = tree_of(self.model, kind, index)
         return tree < 0 or not self._trees or tree in self._trees
 
     @cached_property
@@ -136,30 +136,14 @@ class Context:
         for told in self.plant.inputs:
             by_actuator = told.actuator >= 0
             found.add(
-                _tree(model, Obj.mjOBJ_ACTUATOR, told.actuator) if by_actuator else int(model.dof_treeid[told.dof])
+                tree_of(model, Obj.mjOBJ_ACTUATOR, told.actuator) if by_actuator else int(model.dof_treeid[told.dof])
             )
         for output in self.plant.outputs:
             sensor = model.sensor(output.sensor).id
             kind = mujoco.mjtObj(int(model.sensor_objtype[sensor]))
-            found.add(_tree(model, kind, int(model.sensor_objid[sensor])))
+            found.add(tree_of(model, kind, int(model.sensor_objid[sensor])))
         # What cannot be placed may be moved by anything.
         return frozenset() if -1 in found else frozenset(found)
-
-
-def _tree(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> int:
-    """Kinematic tree of an object; -1 of what belongs to none, or to several."""
-    body = -1
-    if kind == Obj.mjOBJ_JOINT:
-        body = int(model.jnt_bodyid[index])
-    elif kind in (Obj.mjOBJ_BODY, Obj.mjOBJ_XBODY):
-        body = index
-    elif kind == Obj.mjOBJ_GEOM:
-        body = int(model.geom_bodyid[index])
-    elif kind == Obj.mjOBJ_SITE:
-        body = int(model.site_bodyid[index])
-    elif kind == Obj.mjOBJ_ACTUATOR and int(model.actuator_trntype[index]) in _AT_JOINT:
-        body = int(model.jnt_bodyid[model.actuator_trnid[index, 0]])
-    return int(model.body_treeid[body]) if body >= 0 else -1
 
 
 class Effect(ABC):

@@ -110,10 +110,10 @@ class Candidates:
 
     def paired(self, singles: Sequence[Scored]) -> Scored | None:
         """The best of the best of each kind, two by two; None where there are no two kinds."""
-        kinds = {s.fit.hypothesis.effects[0].name: s.fit for s in sorted(singles, key=by_score, reverse=True)}
-        chosen = [s.fit for s in sorted(singles, key=by_score) if s.fit is kinds[s.fit.hypothesis.effects[0].name]]
+        kinds = {s.fit.hypothesis.effects[0].name: s for s in sorted(singles, key=by_score, reverse=True)}
+        chosen = [s.fit for s in sorted(kinds.values(), key=by_score)[:PAIRED]]
         fits: list[Fit] = []
-        for one, other in combinations(chosen[:PAIRED], 2):
+        for one, other in combinations(chosen, 2):
             self.say("fit pairs", len(fits) / math.comb(PAIRED, 2))
             hypothesis = Hypothesis((*one.hypothesis.effects, *other.hypothesis.effects))
             u, neutral = hypothesis.scaled(np.concatenate([one.x, other.x])), hypothesis.vector("neutral")

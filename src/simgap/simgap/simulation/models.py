@@ -88,7 +88,7 @@ def _const(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def _without_contacts(model: mujoco.MjModel) -> mujoco.MjModel:
-    """A copy in which contacts are not looked for: a fifth of the time of a small robot of which nothing can touch."""
+    """A copy in which contacts are not looked for: a sixth of the time of a small robot of which nothing can touch."""
     made = copy.copy(model)
     made.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     return made
