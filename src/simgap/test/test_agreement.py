@@ -39,6 +39,7 @@ def test_runs_of_one_robot_agree() -> None:
     (row,) = agreement["rows"]  # type: ignore[index]
     assert row["p"] > 0.01
     assert all(b["ci90"][0] <= 0.105 and b["ci90"][1] >= 0.095 for b in row["by_part"].values())
+    assert all(0.0 <= b["ci90"][0] <= b["ci90"][1] for b in row["by_part"].values())
     assert "agree about it" in agreement["sentence"]  # type: ignore[index]
 
 
@@ -47,4 +48,5 @@ def test_the_odd_run_is_named_with_its_value() -> None:
     (row,) = agreement["rows"]  # type: ignore[index]
     assert row["odd"] == "run 2" and row["p"] < 1e-3
     assert row["by_part"]["run 2"]["value"] == pytest.approx(0.18, rel=0.25)
+    assert row["elsewhere"] == pytest.approx(0.1, rel=0.1) and row["p"] < agreement["disagree_below"]  # type: ignore[index]
     assert "do not agree" in agreement["sentence"] and "in run 2" in agreement["sentence"]  # type: ignore[index]

@@ -21,7 +21,9 @@ from simgap.report.evidence import Evidence, gather
 from simgap.report.glossary import GLOSSARY
 from simgap.report.html import page, write_page
 from simgap.report.progress import free_table
+from simgap.report.runs import runs
 from simgap.report.sentences import TITLES, amount, free, how_far, sentences, title, what, where
+from simgap.report.style import BEFORE
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 
@@ -265,3 +267,41 @@ def test_a_free_run_says_how_far_it_went(cut_short: bool, said: str) -> None:
     steps = [{"free_running": {"q": value}} for value in (0.2, 0.1)]
     report = {"verdict": "effect", "waterfall": steps, "where": [{"channel": "q"}]}
     assert said in free({**report, "free_running": [{**run, "cut_short": cut_short}]})
+
+
+def _said(p: float, values: dict[str, tuple[float, float]], parameter: str = "friction") -> dict[str, object]:
+    """A row of ``agreement``: value and half interval of each run; the last is the odd one."""
+    by_part = {name: {"value": v, "ci90": [v - half, v + half]} for name, (v, half) in values.items()}
+    row = {"effect": "coulomb_friction@elbow", "parameter": parameter, "unit": "N m", "by_part": by_part}
+    return row | {"mean": 0.1, "p": p, "odd": list(values)[-1]}
+
+
+def _drawn(*rows: dict[str, object]) -> str:
+    parts = list(rows[0]["by_part"])  # type: ignore[call-overload]
+    drawing = runs({"agreement": {"parts": parts, "rows": rows, "disagree_below": 0.01, "sentence": ""}})
+    assert drawing is not None
+    return drawing.svg()
+
+
+def test_each_run_is_drawn_and_only_one_that_disagrees_stands_out() -> None:
+    assert runs({}) is None and runs({"agreement": None}) is None
+    agree = _drawn(_said(0.4, {"run 0": (0.1, 0.02), "run 1": (0.11, 0.02)}))
+    differ = _drawn(_said(1e-4, {"run 0": (0.1, 0.02), "run 1": (0.2, 0.02)}))
+    assert agree.count("<circle") == 2 and BEFORE not in agree and ">run 1<" in agree and "p = 0.4" in agree
+    assert differ.count(BEFORE) == 2  # its interval and its dot
+
+
+def test_a_run_that_says_nothing_does_not_hide_the_others() -> None:
+    plain = {"run 0": (0.1, 0.02), "run 1": (0.11, 0.02), "run 2": (0.12, 0.02)}
+    said, vague = (_drawn(_said(0.4, values)) for values in (plain, plain | {"run 2": (0.12, 900.0)}))
+    places = [[float(x) for x in re.findall(r'<circle cx="([-\d.]+)"', picture)] for picture in (said, vague)]
+    apart = [abs(p[1] - p[0]) for p in places]
+    assert apart[1] > 0.25 * apart[0] > 0.0
+    assert max(places[1]) < 900.0 and min(places[1]) > 0.0
+
+
+def test_of_many_runs_and_numbers_the_furthest_are_drawn() -> None:
+    values = {f"run {i}": (0.1 + 1e-4 * i, 0.02) for i in range(39)} | {"run 39": (0.3, 0.02)}
+    picture = _drawn(*(_said(0.5 / (i + 1), values, f"friction_{i}") for i in range(20)))
+    assert picture.count("<circle") == 12 * 16 and ">run 39<" in picture and ">run 19<" not in picture
+    assert "friction 19 (p" in picture and "friction 0 (p" not in picture

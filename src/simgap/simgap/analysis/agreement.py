@@ -79,47 +79,60 @@ def _label(windows: Windows, fitter: Fitter, window: int) -> float:
 def agreement(fitter: Fitter, fit: Fit) -> dict[str, Any] | None:
     """``agreement`` of the report: values by part with 90 % intervals, and a test of their consistency; None without.
 
-    The test is chi-square of the values about their weighted mean; the odd part is the one furthest from it.
+    An interval ends where the parameter's range does: that of a run that says nothing is the range.
+
+    The test is chi-square of the values about their weighted mean; the odd part is the one furthest from it,
+    and ``elsewhere`` the weighted mean of the others.
     """
     found = parts(fitter, fit)
     if not found:
         return None
     names = [(f"{e.name}@{e.site.name}", p.name, p.unit) for e in fit.hypothesis.effects for p in e.parameters]
+    low, high = (fit.hypothesis.vector(end) for end in ("low", "high"))
     rows = []
     for i, (effect, parameter, unit) in enumerate(names):
         values, deviation = (np.array([getattr(p, field)[i] for p in found]) for field in ("values", "deviation"))
+        ends = low[i], high[i]
         weight = 1.0 / np.maximum(deviation, 1e-300) ** 2
         mean = float((weight * values).sum() / weight.sum())
         away = (values - mean) / deviation
         odd = int(np.argmax(np.abs(away)))
+        beside = np.arange(len(found)) != odd
+        elsewhere = float((weight * values)[beside].sum() / weight[beside].sum())
         rows.append(
             {
                 "effect": effect,
                 "parameter": parameter,
                 "unit": unit,
                 "by_part": {
-                    part.name: {"value": float(v), "ci90": [float(v - _CI90 * d), float(v + _CI90 * d)]}
+                    part.name: {"value": float(v), "ci90": np.clip((v - _CI90 * d, v + _CI90 * d), *ends).tolist()}
                     for part, v, d in zip(found, values, deviation, strict=True)
                 },
                 "mean": mean,
                 "p": float(chi2.sf(float((away**2).sum()), len(found) - 1)),
                 "odd": found[odd].name,
+                "elsewhere": elsewhere,
             }
         )
-    return {"parts": [p.name for p in found], "rows": rows, "sentence": _sentence(rows, [p.name for p in found])}
-
-
-def _sentence(rows: list[dict[str, Any]], names: list[str]) -> str:
+    names_of_parts = [p.name for p in found]
     # Of many parameters one is off by chance now and then.
     limit = DISAGREE / len(rows)
+    return {
+        "parts": names_of_parts,
+        "rows": rows,
+        "disagree_below": limit,
+        "sentence": _sentence(rows, names_of_parts, limit),
+    }
+
+
+def _sentence(rows: list[dict[str, Any]], names: list[str], limit: float) -> str:
     worst = min(rows, key=lambda row: float(row["p"]))
     what = "The runs" if names[0].startswith("run") else "The halves of the recording"
     if worst["p"] >= limit:
         return f"{what} agree about {'it' if len(rows) == 1 else 'all of it'} ({len(names)} looked at by themselves)."
     value, unit = worst["by_part"][worst["odd"]]["value"], "" if worst["unit"] in ("", "1") else f" {worst['unit']}"
-    others = [row["value"] for name, row in worst["by_part"].items() if name != worst["odd"]]
     return (
         f"{what} do not agree: {worst['parameter'].replace('_', ' ')} of {worst['effect'].replace('_', ' ')} is "
-        f"{value:.3g}{unit} in {worst['odd'].removeprefix('the ')} and {np.mean(others):.3g}{unit} elsewhere "
+        f"{value:.3g}{unit} in {worst['odd'].removeprefix('the ')} and {worst['elsewhere']:.3g}{unit} elsewhere "
         f"(p = {worst['p']:.1g})."
     )

@@ -12,6 +12,7 @@ from simgap.data.errors import GapInputError
 from simgap.report import figures, progress
 from simgap.report.evidence import Evidence
 from simgap.report.glossary import GLOSSARY
+from simgap.report.runs import runs
 from simgap.report.sentences import amount, meaning, number, percent, plain, sentences, title
 from simgap.report.style import scales
 
@@ -43,6 +44,7 @@ def page(report: Report, evidence: Evidence) -> str:
         "phases": figures.phase_map(report),
         "bands": figures.band_map(report),
         "ranking": figures.ranking(evidence),
+        "runs": runs(report),
         "waterfall": progress.waterfall(report),
         "free": progress.free_curves(evidence),
         "alternatives": figures.alternatives(report),
