@@ -255,6 +255,28 @@ def test_firm_friction_holds_what_is_smaller(
     assert least <= data.qpos[0] <= most
 
 
+def _held(law: str, form: str) -> float:
+    """How far a rail that already rubs a little lets a kilogram creep in a second, with 4 N of friction added."""
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep="0.001" gravity="0 0 0"/><worldbody><body>
+        <joint name="rail" type="slide" axis="1 0 0" frictionloss="0.5" {law}/>
+        <geom type="box" size=".05 .05 .05" mass="1"/></body></worldbody></mujoco>"""
+    )
+    variant = SimpleNamespace(model=model, plant=SimpleNamespace(model=model))
+    CoulombFriction(Site("rail", (0,)), [], form).apply(cast(Variant, variant), (4.0,))
+    data = mujoco.MjData(model)
+    data.qfrc_applied[0] = 3.0
+    for _ in range(1000):
+        mujoco.mj_step(model, data)
+    return float(data.qpos[0])
+
+
+def test_firm_friction_holds_where_the_model_has_some_already_but_a_law_of_its_own_stays() -> None:
+    assert _held("", "firm") < 1e-5 < 1e-3 < _held("", "")
+    own = 'solimpfriction="0.95 0.97 0.001 0.5 2"'
+    assert _held(own, "firm") == _held(own, "")
+
+
 _HIPS = (("q", "left"), ("p", "right"))
 
 

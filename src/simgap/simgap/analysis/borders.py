@@ -157,21 +157,34 @@ def _lag(aligned: Aligned, told: Array, said: Array, ok: NDArray[np.bool_]) -> f
     """Delay [s] of the command that explains a report best by least squares; NaN where nothing moves."""
     if ok.sum() < _FEW or np.ptp(told) < 1e-9:
         return float("nan")
+    _, costs, usable = lag_costs(aligned, told, said, ok)
+    return refined(costs) * aligned.period if usable.sum() >= _FEW else float("nan")
+
+
+def lag_costs(
+    aligned: Aligned, told: Array, said: Array, ok: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
+    """Lags in rows, what a straight line in ``told``, so much later, leaves of ``said`` squared, and the rows used."""
     steps = np.arange(0, max(round(LATEST / aligned.period), 2) + 1)
     costs = np.zeros(len(steps))
-    late = [np.concatenate([_delayed(told[r.start : r.stop], int(k)) for r in aligned.runs]) for k in steps]
     usable = ok & np.concatenate([np.arange(r.stop - r.start) >= steps[-1] for r in aligned.runs])
-    if usable.sum() < _FEW:
-        return float("nan")
-    for k, command in enumerate(late):
-        x, y = command[usable], said[usable]
-        x, y = x - x.mean(), y - y.mean()
+    if not usable.any():
+        return steps, costs, usable
+    y = said[usable] - said[usable].mean()
+    for k in steps:
+        late = np.concatenate([_delayed(told[r.start : r.stop], int(k)) for r in aligned.runs])
+        x = late[usable] - late[usable].mean()
         costs[k] = float(y @ y - (x @ y) ** 2 / max(float(x @ x), 1e-300))
+    return steps, costs, usable
+
+
+def refined(costs: Array) -> float:
+    """Where the least of costs lies, between rows: the vertex of the parabola about it."""
     k = int(np.argmin(costs))
-    if not 0 < k < len(steps) - 1:
-        return float(k * aligned.period)
+    if not 0 < k < len(costs) - 1:
+        return float(k)
     curve = costs[k - 1] - 2.0 * costs[k] + costs[k + 1]
-    return float((k + 0.5 * (costs[k - 1] - costs[k + 1]) / max(curve, 1e-300)) * aligned.period)
+    return float(k + 0.5 * (costs[k - 1] - costs[k + 1]) / max(curve, 1e-300))
 
 
 def _delayed(values: Array, steps: int) -> Array:

@@ -152,7 +152,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     report |= keys
     if budget.seconds is not None and any(r.cut_short and r.duration < 0.9 * LONGEST for r in runs):
         budget.left_out.append("of whole runs only the beginning was simulated")
-    report["borders"] = [b.told() for b in found.near]
+    report["borders"] = [*(b.told() for b in found.near), *(r.told() for r in found.rates)]
     report["torque_balance"] = [b.told() for b in found.balances]
     report["reference"] = found.beside.healthy.report if found.beside else None
     report["next_experiment"] = proposal.report() if proposal else None

@@ -13,6 +13,7 @@ from simgap.analysis.borders import Border, borders, hints
 from simgap.analysis.comparison import Comparison, compare
 from simgap.analysis.input_checks import check_map, check_replay
 from simgap.analysis.options import Options
+from simgap.analysis.rate_reports import Rate, rate_hints, rate_reports, rate_warnings
 from simgap.analysis.ripples import waves
 from simgap.analysis.stages import Checked, leading, located
 from simgap.analysis.torque_balance import Balance
@@ -52,7 +53,7 @@ class Search:
 
     Attributes:
         floor: (no,) noise floor of the outputs; where the robot was seen well, what the model missed of it then.
-        near, balances: what single parts say by themselves.
+        near, rates, balances: what single parts say by themselves.
         warnings: in sentences.
         beside: the healthy robot, where recordings of it were given.
     """
@@ -64,6 +65,7 @@ class Search:
     selector: Selector
     selection: Selection
     near: list[Border]
+    rates: list[Rate]
     balances: list[Balance]
     warnings: list[str]
     beside: Comparison | None = None
@@ -127,8 +129,10 @@ def search(
         # What of a window is its start's error, or its measured inputs', is judged by the better model for both.
         before = Fitter(replace(residuals, replayer=same), nuisances_of(first), Variant.nominal(first))
     effort = options.effort or (Effort() if light(plant.model) else HEAVY)
-    near, balanced = borders(plant, aligned, floor), torque_balance.balances(plant, aligned, state)
-    spoken = [*torque_balance.hints(balanced, context.switched), *hints(near)]
+    near, rates = borders(plant, aligned, floor), rate_reports(plant, aligned)
+    warnings += rate_warnings(rates)
+    balanced = torque_balance.balances(plant, aligned, state)
+    spoken = [*torque_balance.hints(balanced, context.switched), *hints(near), *rate_hints(rates)]
     if options.staged:
         options.tell(located(fitter, options.phases, len(effects), spoken))
     selector = Selector(
@@ -153,7 +157,7 @@ def search(
     if beside is not None:
         beside.settle(selector.scores, selection)
         warnings += beside.warnings
-    return Search(plant, aligned, floor, fitter, selector, selection, near, balanced, warnings, beside)
+    return Search(plant, aligned, floor, fitter, selector, selection, near, rates, balanced, warnings, beside)
 
 
 def _replayer(plant: Plant, aligned: Aligned, floor: Array, nominal: Variant, options: Options) -> Replayer:

@@ -10,6 +10,14 @@ from simgap.data.plant import Plant
 from simgap.effects.base import Context, Effect, Parameter, Site, amount, ratio
 from simgap.simulation.variant import Variant
 
+ALL_RATES = "all:velocity"
+"""Site of all sensors of joints' speeds: servos of one kind report them alike."""
+
+
+def rate_outputs(plant: Plant) -> list[int]:
+    """Outputs that are the speed of a joint."""
+    return [i for i, channel in enumerate(plant.outputs) if channel.dof >= 0]
+
 
 def sensor_sites(plant: Plant) -> list[Site]:
     """One site for each output: `name[:quantity][:component]`.
@@ -68,7 +76,9 @@ class SensorDelay(Effect):
 
     @classmethod
     def candidates(cls, context: Context) -> Iterable[Effect]:
-        for site in sensor_sites(context.plant):
+        rates = rate_outputs(context.plant)
+        together = [Site(ALL_RATES, tuple(rates))] if len(rates) > 1 else []
+        for site in [*sensor_sites(context.plant), *together]:
             for form in ("late", "filtered"):
                 yield cls(site, [Parameter("delay", "s", 0.0, 0.0, 0.12, (0.006, 0.02, 0.05), 0.01)], form)
 

@@ -124,7 +124,7 @@ class TendonFriction(DryFriction):
 
     def apply(self, variant: Variant, values: Sequence[float]) -> None:
         model, tendons = variant.model, list(self.site.targets)
-        self.grip(model.tendon_frictionloss, model.tendon_solref_fri, model.tendon_solimp_fri, tendons)
+        self.grip(model.tendon_solref_fri, model.tendon_solimp_fri, tendons)
         model.tendon_frictionloss[tendons] += values[0]
 
 

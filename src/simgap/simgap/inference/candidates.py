@@ -92,7 +92,10 @@ class Candidates:
             own = [s for s in starts if s[0].name == name]
             widest = max((len(e.site.targets) for e, _, _ in own), default=0)
             if own:
-                kinds.append([s for s in own if len(s[0].site.targets) == widest])
+                widest_own = [s for s in own if len(s[0].site.targets) == widest]
+                # Friction that holds is tried here too: of a real arm that is more than what is added later.
+                other_laws = [(a, x, z) for e, x, z in widest_own for a in e.alternatives()]
+                kinds.append([*widest_own, *other_laws])
         kinds = kinds[:TOGETHER]
         if len(kinds) < 2:
             return None

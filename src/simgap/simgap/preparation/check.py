@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.analysis.input_checks import check_map
+from simgap.analysis.rate_reports import rate_reports, rate_warnings
 from simgap.data.align import Aligned, align
 from simgap.data.channels import model_names
 from simgap.data.errors import GapInputError
@@ -119,6 +120,7 @@ def check(recordings: Sequence[Recording], plant: Plant, detect: bool = False) -
         found.warnings.append(bare)
     try:
         found.warnings += check_map(plant, aligned, state)
+        found.warnings += rate_warnings(rate_reports(plant, aligned))
     except GapInputError as error:
         found.errors.append(str(error))
     if (off := 1.0 - float(aligned.enabled.mean())) > 0.0:
