@@ -21,7 +21,7 @@ from simgap.analysis.options import Options
 from simgap.blind.cases import Case
 from simgap.blind.recordings import simulate as recorded
 from simgap.cli import app
-from simgap.data.mapping import load_map
+from simgap.data.mapping import load_map, parse_map
 from simgap.data.plant import build_plant, load_spec
 from simgap.data.recording import load_table, recording_from_table
 from simgap.inference.baselines import fit_everything
@@ -54,6 +54,29 @@ def _own_coulomb(model: mujoco.MjModel) -> None:
 def _both_frictions(model: mujoco.MjModel) -> None:
     model.dof_frictionloss[:] = 0.1
     model.dof_damping[:] += 0.15
+
+
+@pytest.mark.parametrize("form", ["firm", ""])
+def test_friction_that_holds_is_told_from_friction_that_creeps(form: str) -> None:
+    """A pendulum whose model rubs by 0.05 N m, and that rubs by 0.35; held aloft it stays, or sinks."""
+    rubs = PENDULUM.replace('damping="0.02"', 'damping="0.02" frictionloss="0.05"')
+    robot = mujoco.MjModel.from_xml_string(rubs)
+    robot.dof_frictionloss[:] = 0.35
+    if form:
+        robot.dof_solref[:], robot.dof_solimp[:, :2] = (0.005, 1.0), 0.9998
+    rng, data, rows = np.random.default_rng(4), mujoco.MjData(robot), []
+    for k in range(3000):
+        if k % 160 == 0:
+            data.ctrl[0] = rng.uniform(-1.2, 1.2)
+        rows.append((0.005 * k, data.ctrl[0], data.qpos[0] + 2e-4 * rng.standard_normal()))
+        mujoco.mj_step(robot, data, 2)
+    table = dict(zip(("t", "u", "q"), np.array(rows).T, strict=True))
+    plant = build_plant(mujoco.MjSpec.from_string(rubs), parse_map(MAPS["pendulum"]))
+    options = Options(baselines=False, only=SOME[:3], threads=1)
+    report = diagnose([recording_from_table(table, plant)], plant, options).report
+    (effect,) = report["effects"]
+    assert (effect["name"], effect.get("form", "")) == ("coulomb_friction", form)
+    assert effect["parameters"]["friction"]["value"] == pytest.approx(0.3, rel=0.1)
 
 
 def test_nuisances_take_up_nominal_numbers_that_are_off() -> None:

@@ -92,10 +92,7 @@ class Candidates:
             own = [s for s in starts if s[0].name == name]
             widest = max((len(e.site.targets) for e, _, _ in own), default=0)
             if own:
-                widest_own = [s for s in own if len(s[0].site.targets) == widest]
-                # Friction that holds is tried here too: of a real arm that is more than what is added later.
-                other_laws = [(a, x, z) for e, x, z in widest_own for a in e.alternatives()]
-                kinds.append([*widest_own, *other_laws])
+                kinds.append([s for s in own if len(s[0].site.targets) == widest])
         kinds = kinds[:TOGETHER]
         if len(kinds) < 2:
             return None
@@ -109,7 +106,10 @@ class Candidates:
             tried.append((float(self.fitter.data_cost(square, select)), hypothesis, x))
         _, hypothesis, x = min(tried, key=lambda t: t[0])
         fit = self.fitter.fit(hypothesis, x, base.fit.z, ITERATIONS, select=select)
-        return self.scores.scored(self.fitter.polish(fit, rounds=2))
+        made = self.scores.scored(self.fitter.polish(fit, rounds=2))
+        # Friction that holds, above all: of a real arm it is worth more than what is added later.
+        other = min(self._forms(made.fit), key=by_score, default=made)
+        return self.scores.scored(self.fitter.polish(other.fit)) if other.score < made.score else made
 
     def paired(self, singles: Sequence[Scored]) -> Scored | None:
         """The best of the best of each kind, two by two; None where there are no two kinds."""
