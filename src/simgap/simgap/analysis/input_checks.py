@@ -121,14 +121,20 @@ def check_replay(plant: Plant, measured: Array, replayed: Array) -> None:
                 )
 
 
+def positions_by_dof(plant: Plant, aligned: Aligned) -> dict[int, int]:
+    """Live outputs that are the position of a joint, by its degree of freedom."""
+    model = plant.model
+    return {
+        int(model.jnt_dofadr[np.flatnonzero(model.jnt_qposadr == c.qpos)[0]]): i
+        for i, c in enumerate(plant.outputs)
+        if c.qpos >= 0 and aligned.live[i]
+    }
+
+
 def _check_rates(plant: Plant, aligned: Aligned) -> None:
     """A measured rate must be the slope of the measured position of the same coordinate."""
-    model = plant.model
     rates: dict[int, int] = {c.dof: i for i, c in enumerate(plant.outputs) if c.dof >= 0 and aligned.live[i]}
-    positions: dict[int, int] = {}
-    for i, c in enumerate(plant.outputs):
-        if c.qpos >= 0 and aligned.live[i]:
-            positions[int(model.jnt_dofadr[np.flatnonzero(model.jnt_qposadr == c.qpos)[0]])] = i
+    positions = positions_by_dof(plant, aligned)
     both = sorted(set(rates) & set(positions))
     if not both:
         return

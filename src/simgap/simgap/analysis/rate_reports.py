@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from simgap.analysis.borders import lag_costs, refined
+from simgap.analysis.input_checks import positions_by_dof
 from simgap.data.align import Aligned
 from simgap.data.plant import Plant
 from simgap.effects.sensor import ALL_RATES, rate_outputs, sensor_sites
@@ -57,12 +58,7 @@ class Rate:
 def rate_reports(plant: Plant, aligned: Aligned) -> list[Rate]:
     """Every live report of a joint's speed beside a live report of its position, that moves."""
     sites = {i: site.name for site in sensor_sites(plant) for i in site.targets}
-    model = plant.model
-    positions = {
-        int(model.jnt_dofadr[np.flatnonzero(model.jnt_qposadr == c.qpos)[0]]): i
-        for i, c in enumerate(plant.outputs)
-        if c.qpos >= 0 and aligned.live[i]
-    }
+    positions = positions_by_dof(plant, aligned)
     found = []
     for i in rate_outputs(plant):
         position = positions.get(plant.outputs[i].dof)
