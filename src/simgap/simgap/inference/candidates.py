@@ -227,17 +227,23 @@ class Candidates:
         Such laws are close, and which is the robot's shows only when each is fitted to the end.
         """
         found: list[Scored | None] = []
-        effects = fit.hypothesis.effects
-        for i, effect in enumerate(effects):
-            names = [p.name for p in effect.parameters]
-            same = [o for o in self.effects if o.key == effect.key and [p.name for p in o.parameters] == names]
-            for other in [*(o for o in same if o.form != effect.form), *effect.alternatives()]:
-                changed, x = Hypothesis((*effects[:i], other, *effects[i + 1 :])), fit.x
-                if changed.size > len(x):
-                    x = simplex_search(self.fitter, changed, i, x, fit.z, self.effort.sought)
-                found.append(self.scores.scored(self.fitter.cross_validate(self.fitter.fit(changed, x, fit.z))))
+        for i, effect in enumerate(fit.hypothesis.effects):
+            found += self.other_forms(fit, i)
             found += [self._generalised(fit, i, law) for law in self.effects if generalises(law, effect)]
         return [f for f in found if f is not None]
+
+    def other_forms(self, fit: Fit, which: int) -> list[Scored]:
+        """A fit with effect number ``which`` in each of its other forms, begun from the same values."""
+        effects, found = fit.hypothesis.effects, []
+        effect = effects[which]
+        names = [p.name for p in effect.parameters]
+        same = [o for o in self.effects if o.key == effect.key and [p.name for p in o.parameters] == names]
+        for other in [*(o for o in same if o.form != effect.form), *effect.alternatives()]:
+            changed, x = Hypothesis((*effects[:which], other, *effects[which + 1 :])), fit.x
+            if changed.size > len(x):
+                x = simplex_search(self.fitter, changed, which, x, fit.z, self.effort.sought)
+            found.append(self.scores.scored(self.fitter.cross_validate(self.fitter.fit(changed, x, fit.z))))
+        return found
 
     def _generalised(self, fit: Fit, which: int, law: Effect) -> Scored | None:
         """A fit with a law instead of its special case, effect number ``which``; from the best of the law's starts."""

@@ -406,14 +406,27 @@ class Selector:
                 far = fit.cost - full.cost > _FAR_BEHIND * EVIDENCE_MORE
                 without.append(self.scores.scored((self.fitter.cross_validate if far else self.fitter.polish)(fit)))
             simpler = min(without, key=by_score)
-            lost = {e.key for e in full.hypothesis.effects} - {e.key for e in simpler.fit.hypothesis.effects}
-            first = self.scores.difference(result.reference.fit, simpler.fit)[0]
-            if earns(self.scores, simpler, result.best, len(self.effects), lost <= result.unrivalled, first):
+            if self._needed(result, without.index(simpler), simpler):
                 result.gains = [self.scores.difference(w.fit, full) for w in without]
                 return
             others = result.singles if len(simpler.fit.hypothesis.effects) == 1 else without
             result.rivals = sorted([simpler, *(s for s in others if s.key != simpler.key)], key=by_score)
             result.best, result.gains = simpler, [self.scores.difference(result.reference.fit, simpler.fit)]
+
+    def _needed(self, result: Selection, which: int, simpler: Scored) -> bool:
+        """Whether effect number ``which`` earns its place over what is ``simpler`` without it, in any of its forms.
+
+        The form that predicts best may do so by much in some pieces of a recording and lose a little in others.
+        """
+        full = result.best
+        unrivalled = full.fit.hypothesis.effects[which].key in result.unrivalled
+        first = self.scores.difference(result.reference.fit, simpler.fit)[0]
+
+        def earned(with_: Scored) -> bool:
+            return earns(self.scores, simpler, with_, len(self.effects), unrivalled, first)
+
+        hopeful = simpler.score - full.score > EVIDENCE_MORE
+        return earned(full) or (hopeful and any(map(earned, self.candidates.other_forms(full.fit, which))))
 
     def _grow(self, result: Selection) -> None:
         """Let the parameter of each effect that was found grow with time, where the recording is long enough."""
