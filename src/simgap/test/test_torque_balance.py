@@ -37,6 +37,20 @@ def test_gains_that_are_wrong_by_a_factor_of_twenty_and_friction_are_told() -> N
         assert b.gain == pytest.approx(GAIN, rel=0.25) and b.friction == pytest.approx(FRICTION, rel=0.35)
 
 
+@pytest.mark.parametrize(("gain", "told"), [(0.1, 0.02), (0.1, 0.05), (0.03, 0.2), (0.02, 0.2)])
+def test_of_joints_that_hardly_follow_losses_tell_the_decade_of_the_gain(gain: float, told: float) -> None:
+    """Small commands, held by friction: no motion takes a torque that could be told from it."""
+
+    def soft(model: mujoco.MjModel) -> None:
+        model.actuator_gainprm[:, 0] *= gain
+        model.actuator_biasprm[:, 1:3] *= gain
+        model.dof_frictionloss[:] += FRICTION
+
+    found = _found(change=soft, told=told)
+    assert all(b.borrowed and b.told()["gain"] is None for b in found)
+    assert gain / 4 < found[0].gain < 4 * gain and all(b.friction < 2 * FRICTION for b in found)
+
+
 @pytest.mark.parametrize(("damping", "late"), [(0.1, 0.0), (0.4, 0.03), (0.2, 0.06)])
 def test_damping_and_lag_are_told(damping: float, late: float) -> None:
     def dragging(model: mujoco.MjModel) -> None:
@@ -62,8 +76,9 @@ def test_what_a_model_has_itself_is_not_told_again_where_a_torque_drives() -> No
     assert slide.nominal > 0.9 and hints([slide]) == []
 
 
-def test_a_model_that_is_right_is_spoken_of_by_no_hint() -> None:
-    assert hints(_found()) == []
+@pytest.mark.parametrize("told", [0.1, 0.3, 1.0])
+def test_a_model_that_is_right_is_spoken_of_by_no_hint(told: float) -> None:
+    assert hints(_found(told=told)) == []
 
 
 def test_hints_speak_for_every_joint_and_begin_with_what_carries_most() -> None:

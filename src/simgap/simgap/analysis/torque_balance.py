@@ -48,6 +48,8 @@ _ROUNDS, _ROBUST = 8, 2.0
 _LEAST_GAIN, _LARGEST_GAIN = 0.002, 100.0
 EXPLAINED = 0.5
 """Share of the torque's power that a balance must explain before the search begins where it says."""
+_IMMODERATE = 5.0
+"""Times the torque that a motion takes: such losses are those of a gain that is wrong."""
 WORTH = 0.1
 """Share of a joint's usual torque that a term must carry to be spoken for."""
 
@@ -85,6 +87,12 @@ class Balance:
     servo: bool = False
     borrowed: bool = False
 
+    @property
+    def lost(self) -> float:
+        """Root mean square of friction and damping, were the gain the nominal one [N m or N]."""
+        share = float(np.hypot(self.carries["friction"], self.carries["damping"]))
+        return share * self.torque / max(self.carries["torque"], 1e-300) / self.gain
+
     def told(self) -> dict[str, object]:
         """As a row of the report."""
         return {
@@ -119,7 +127,7 @@ def balances(plant: Plant, aligned: Aligned, state: MeasuredState) -> list[Balan
 def _lent(found: list[Balance]) -> list[Balance]:
     """With the usual gain of the others for joints whose own cannot be told."""
     told = [b.gain for b in found if b.carries["torque"] > WORTH]
-    usual = float(np.median(told)) if told else 1.0
+    usual = float(np.median(told)) if told else _moderate(found)
     made = []
     for b in found:
         if b.carries["torque"] <= WORTH:
@@ -127,6 +135,18 @@ def _lent(found: list[Balance]) -> list[Balance]:
             b = replace(b, gain=usual, friction=share * b.friction, damping=share * b.damping, borrowed=True)
         made.append(b)
     return made
+
+
+def _moderate(found: Sequence[Balance]) -> float:
+    """Gain at which drives lose as much as the motion takes, where by the nominal one they would lose many times that.
+
+    A servo's error at a steady load says gain or zero, and in motion loss over gain: of a published gain that is fifty
+    times too large, all of it is zeros and losses that no gear has.
+    """
+    servos = [b for b in found if b.servo]
+    took = float(np.linalg.norm([b.torque for b in servos]))
+    lost = float(np.linalg.norm([b.lost for b in servos])) if servos else 0.0
+    return max(took / lost, _LEAST_GAIN) if lost > _IMMODERATE * took else 1.0
 
 
 def hints(found: Sequence[Balance], switched: bool = False) -> list[tuple[str, str, float]]:
