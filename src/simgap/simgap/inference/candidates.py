@@ -107,9 +107,11 @@ class Candidates:
         _, hypothesis, x = min(tried, key=lambda t: t[0])
         fit = self.fitter.fit(hypothesis, x, base.fit.z, ITERATIONS, select=select)
         made = self.scores.scored(self.fitter.polish(fit, rounds=2))
-        # Friction that holds, above all: of a real arm it is worth more than what is added later.
-        other = min(self._forms(made.fit), key=by_score, default=made)
-        return self.scores.scored(self.fitter.polish(other.fit)) if other.score < made.score else made
+        # Friction that holds, above all: of a real arm it is worth more than what is added later. Forms have the same
+        # parameters, so that none flatters in sample; folds are predicted by slopes, by which what sticks is not.
+        other = min((f.fit for f in self._forms(made.fit)), key=lambda fit: fit.cost, default=made.fit)
+        better = self.fitter.polish(other) if other.cost < made.fit.cost else made.fit
+        return self.scores.scored(better) if better.cost < made.fit.cost else made
 
     def paired(self, singles: Sequence[Scored]) -> Scored | None:
         """The best of the best of each kind, two by two; None where there are no two kinds."""
