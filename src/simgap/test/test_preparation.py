@@ -226,7 +226,21 @@ def test_one_stroke_tells_no_friction() -> None:
     found = _check({**table, "q0": slow, "u0": slow})
     shoulder = found.joints[0]
     assert shoulder.reversals == 0 and "dry friction" in shoulder.confounded
-    assert any("shoulder: turns round 0 times" in line for line in found.advice)
+    assert any("shoulder (0 times): turn round seldom" in line for line in found.advice)
+
+
+def test_runs_that_go_one_way_each_tell_friction_as_one_that_turns_round_does() -> None:
+    table = simulate("arm", 10.0)
+    noise = 2e-4 * np.random.default_rng(0).standard_normal(len(table["t"]))
+    plant = plant_of("arm")
+    up, down = (
+        recording_from_table({**table, "q0": way * 0.05 * table["t"] + noise, "u0": way * 0.05 * table["t"]}, plant)
+        for way in (1.0, -1.0)
+    )
+    for runs, reversals in (([up], 0), ([up, up], 0), ([up, down, up], 2), ([up, down] * 4, 7)):
+        found = check(runs, plant)
+        assert found.joints[0].reversals == reversals
+        assert any("shoulder" in line and "to and fro" in line for line in found.advice) == (reversals < 6)
 
 
 def test_a_wrong_map_is_an_error_and_an_uneven_clock_a_warning() -> None:

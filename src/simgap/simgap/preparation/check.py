@@ -41,7 +41,7 @@ class JointMotion:
     Attributes:
         low, high: of its coordinate [rad or m].
         speed: root mean square.
-        reversals: changes of direction, of motions beyond the noise.
+        reversals: changes of direction, of motions beyond the noise; from one run to the next as well.
         noise: noise floor of its position.
         still: whether it hardly moves.
         separable: causes that this motion tells from each other and from a constant torque.
@@ -178,26 +178,27 @@ def _joints(plant: Plant, aligned: Aligned, state: MeasuredState, floor: Array) 
         low, high = (float(v) for v in np.percentile(position, [0.5, 99.5]))
         sd = noise.get(qpos, float(state.position_sd[k]))
         still = high - low < _STILL * sd
-        reversals = sum(
-            _reversals(position[r.start : r.stop], max(5.0 * sd, 0.02 * (high - low))) for r in aligned.runs
-        )
+        least = max(5.0 * sd, 0.02 * (high - low))
+        ways = [way for r in aligned.runs for way in _ways(position[r.start : r.stop], least)]
+        # A run that goes up and one that goes down tell friction as one that turns round does.
+        reversals = int(np.count_nonzero(np.diff(ways)))
         separable, confounded = ((), ()) if still else _separable(aligned, position, velocity)
         speed = float(np.sqrt(np.mean(velocity**2)))
         found.append(JointMotion(names[joint], low, high, speed, reversals, sd, still, separable, confounded))
     return found
 
 
-def _reversals(position: Array, size: float) -> int:
-    """Changes of direction of a coordinate (n,), of ways of at least ``size``."""
-    count, direction, extreme = 0, 0, float(position[0])
+def _ways(position: Array, size: float) -> list[int]:
+    """Direction, 1 or -1, of each way of at least ``size`` that a coordinate (n,) goes before it turns round."""
+    ways: list[int] = []
+    extreme = float(position[0])
     for value in position:
-        if (direction >= 0 and value > extreme) or (direction <= 0 and value < extreme):
+        if ways and (value - extreme) * ways[-1] > 0.0:
             extreme = float(value)
-            if direction == 0 and abs(value - position[0]) > size:
-                direction = 1 if value > position[0] else -1
         elif abs(value - extreme) > size:
-            count, direction, extreme = count + (direction != 0), (1 if value > extreme else -1), float(value)
-    return count
+            ways.append(1 if value > extreme else -1)
+            extreme = float(value)
+    return ways
 
 
 def _separable(aligned: Aligned, position: Array, velocity: Array) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -230,17 +231,21 @@ def _advice(plant: Plant, aligned: Aligned, found: Check) -> list[str]:
     moving = [j for j in found.joints if not j.still]
     if still:
         advice.append(f"{', '.join(still)}: stands still, so nothing can be said about it; move it over half its range")
+    few = [f"{j.name} ({j.reversals} times)" for j in moving if j.reversals < _REVERSALS]
+    if few:
+        advice.append(
+            f"{', '.join(few)}: turn round seldom; move to and fro {_REVERSALS} times or more, slowly and quickly, to "
+            "tell friction"
+        )
+    alike: dict[tuple[str, ...], list[str]] = {}
     for joint in moving:
-        if joint.reversals < _REVERSALS:
-            advice.append(
-                f"{joint.name}: turns round {joint.reversals} times; move it to and fro {_REVERSALS} times or more, "
-                "slowly and quickly, to tell friction"
-            )
-        elif joint.confounded:
-            advice.append(
-                f"{joint.name}: {' and '.join(joint.confounded)} cannot be told from the rest; vary its speed and its "
-                "range, as in a chirp"
-            )
+        if joint.reversals >= _REVERSALS and joint.confounded:
+            alike.setdefault(joint.confounded, []).append(joint.name)
+    for confounded, names in alike.items():
+        advice.append(
+            f"{', '.join(names)}: {' and '.join(confounded)} cannot be told from the rest; vary speed and range, as in "
+            "a chirp"
+        )
     if found.duration < 20.0:
         advice.append(f"{found.duration:.3g} s are little; half a minute gives narrower intervals")
     measured = {c.dof for c in plant.outputs} | {
@@ -248,9 +253,9 @@ def _advice(plant: Plant, aligned: Aligned, found: Check) -> list[str]:
         for c in plant.outputs
         if c.qpos >= 0
     }
-    names = model_names(plant.model, mujoco.mjtObj.mjOBJ_JOINT)
+    joints = model_names(plant.model, mujoco.mjtObj.mjOBJ_JOINT)
     unseen = [
-        names[j]
+        joints[j]
         for j in range(plant.model.njnt)
         if plant.model.jnt_type[j] in (2, 3) and int(plant.model.jnt_dofadr[j]) not in measured
     ]
