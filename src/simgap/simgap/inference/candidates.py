@@ -107,9 +107,10 @@ class Candidates:
         _, hypothesis, x = min(tried, key=lambda t: t[0])
         fit = self.fitter.fit(hypothesis, x, base.fit.z, ITERATIONS, select=select)
         made = self.scores.scored(self.fitter.polish(fit, rounds=2))
-        # Friction that holds, above all: of a real arm it is worth more than what is added later. Forms have the same
-        # parameters, so that none flatters in sample; folds are predicted by slopes, by which what sticks is not.
-        other = min((f.fit for f in self._forms(made.fit)), key=lambda fit: fit.cost, default=made.fit)
+        # Friction that holds, above all: of a real arm it is worth more than what is added later. In sample none of two
+        # forms with the same parameters flatters; held out, folds are predicted by slopes, by which what sticks is not.
+        alike = [f.fit for f in self._forms(made.fit) if f.fit.hypothesis.size == made.fit.hypothesis.size]
+        other = min(alike, key=lambda fit: fit.cost, default=made.fit)
         better = self.fitter.polish(other) if other.cost < made.fit.cost else made.fit
         return self.scores.scored(better) if better.cost < made.fit.cost else made
 

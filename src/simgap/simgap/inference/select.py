@@ -10,12 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.effects.base import Effect
-from simgap.effects.growing import MIN_DURATION, Growing
 from simgap.inference.budget import SEARCH, Budget, OutOfTimeError
 from simgap.inference.candidates import (
     FAVOURITES,
-    FIT_WINDOWS,
-    MANY_PARAMETERS,
     Candidates,
     Hint,
     by_score,
@@ -36,17 +33,14 @@ from simgap.inference.model_selection import (
 )
 from simgap.inference.nuisance import BOX
 from simgap.inference.proposals import Proposals
+from simgap.inference.revision import Revision
 from simgap.inference.scores import Scored, Scores
-from simgap.inference.screen import Screened, informative_windows
+from simgap.inference.screen import Screened
 from simgap.inference.selection import Selection
 from simgap.inference.thresholds import UNEXPLAINED
 
 Array = NDArray[np.float64]
 
-_FAR_BEHIND = 5.0
-"""Times what a further effect must earn [nats] by which, in sample, a set without one of its effects is hopeless."""
-_BY_CHANCE = 2.0 * math.sqrt(2.0)
-"""Standard deviations of a cost: two of a difference."""
 _BEHIND = 0.9
 """Share of what the causes earn that single parts speak for together: of a single effect that earns less, no search
 begins. Where the truth is one effect, it earns about all of it."""
@@ -81,6 +75,7 @@ class Selector:
         self.proposals = Proposals(fitter, self.effects, self._effort, self.candidates.say)
         self._sites = places(self.effects)
         self._leaders = Leaders(self.candidates, self.scores, self._effort, self._sites)
+        self._revision = Revision(self.candidates, self.scores)
 
     def hidden(self, selection: Selection) -> float:
         """What the data would gain if nominal numbers might be off twice as far, as a share of what the effect gains.
@@ -120,7 +115,7 @@ class Selector:
             if not self.budget.left_out:
                 try:
                     with self.budget.until(SEARCH):
-                        self._grow(found)
+                        self._revision.grow(found)
                 except OutOfTimeError as spent:
                     self.budget.ended(str(spent))
         if self._heard:
@@ -161,7 +156,7 @@ class Selector:
         found = replace(result, best=first, singles=[], rivals=[first], gains=[gain], unrivalled=set())
         # Where the time is over while needless ones are taken out, what is left of them by then is the best so far.
         self._found = found
-        self._drop(found)
+        self._revision.drop(found)
         self._found = replace(found)
         return found
 
@@ -226,7 +221,7 @@ class Selector:
         while len(other.best.fit.hypothesis.effects) <= self._effort.max_effects:
             if self.scores.typical(other.best.fit.held) < ENOUGH or not self.add(other, found.screened):
                 break
-        self._drop(other)
+        self._revision.drop(other)
         return other if self._better(other, found) else found
 
     def _compete(self, reference: Scored, begun: Selection | None) -> Selection:
@@ -298,7 +293,7 @@ class Selector:
             if not self._leaves_much(found.best) or not self.add(found, screened):
                 break
             self._keep(found)
-        self._drop(found)
+        self._revision.drop(found)
         return found
 
     def _leaves_much(self, scored: Scored) -> bool:
@@ -389,62 +384,3 @@ class Selector:
         pairs = sorted([best, *(p for p in pairs if p.fit.hypothesis is not best.fit.hypothesis)], key=by_score)
         result.best, result.rivals = best, pairs
         return True
-
-    def _drop(self, result: Selection) -> None:
-        """Take out what later effects made needless: the first one found may only have stood in for them."""
-        while len(result.best.fit.hypothesis.effects) > 1:
-            full = result.best.fit
-            starts = np.cumsum([0, *(len(e.parameters) for e in full.hypothesis.effects)])
-            without = []
-            for i, effect in enumerate(full.hypothesis.effects):
-                self.candidates.say("drop", i / len(full.hypothesis.effects))
-                rest = tuple(e for e in full.hypothesis.effects if e is not effect)
-                x = np.delete(full.x, np.arange(starts[i], starts[i + 1]))
-                select = informative_windows(self.fitter, full, FIT_WINDOWS) if len(x) > MANY_PARAMETERS else None
-                fit = self.fitter.fit(Hypothesis(rest), x, full.z, select=select)
-                # What lacks so much is not brought back by fitting on.
-                far = fit.cost - full.cost > _FAR_BEHIND * EVIDENCE_MORE
-                without.append(self.scores.scored((self.fitter.cross_validate if far else self.fitter.polish)(fit)))
-            simpler = min(without, key=by_score)
-            if self._needed(result, without.index(simpler), simpler):
-                result.gains = [self.scores.difference(w.fit, full) for w in without]
-                return
-            others = result.singles if len(simpler.fit.hypothesis.effects) == 1 else without
-            result.rivals = sorted([simpler, *(s for s in others if s.key != simpler.key)], key=by_score)
-            result.best, result.gains = simpler, [self.scores.difference(result.reference.fit, simpler.fit)]
-
-    def _needed(self, result: Selection, which: int, simpler: Scored) -> bool:
-        """Whether effect number ``which`` earns its place over what is ``simpler`` without it, in any of its forms.
-
-        The form that predicts best may do so by much in some pieces of a recording and lose a little in others.
-        """
-        full = result.best
-        unrivalled = full.fit.hypothesis.effects[which].key in result.unrivalled
-        first = self.scores.difference(result.reference.fit, simpler.fit)[0]
-
-        def earned(with_: Scored) -> bool:
-            return earns(self.scores, simpler, with_, len(self.effects), unrivalled, first)
-
-        hopeful = simpler.score - full.score > EVIDENCE_MORE
-        return earned(full) or (hopeful and any(map(earned, self.candidates.other_forms(full.fit, which))))
-
-    def _grow(self, result: Selection) -> None:
-        """Let the parameter of each effect that was found grow with time, where the recording is long enough."""
-        duration = self.fitter.residuals.replayer.aligned.duration
-        if duration < MIN_DURATION:
-            return
-        for i, effect in enumerate(result.best.fit.hypothesis.effects):
-            if len(effect.parameters) != 1:
-                continue
-            self.candidates.say("growth", i / len(result.best.fit.hypothesis.effects))
-            base = result.best
-            effects = list(base.fit.hypothesis.effects)
-            at = sum(len(e.parameters) for e in effects[: i + 1])
-            effects[i] = Growing(effect, duration)
-            fit = self.fitter.fit(Hypothesis(tuple(effects)), np.insert(base.fit.x, at, 0.0), base.fit.z)
-            grown = self.scores.scored(self.fitter.cross_validate(fit))
-            gain, low, _ = self.scores.difference(base.fit, grown.fit)
-            # What it has not seen it cannot foresee better than what it has; the rest is chance, as much as that shows.
-            gain = min(gain, base.fit.cost - grown.fit.cost)
-            if gain > EVIDENCE + _BY_CHANCE * self.scores.roughness and low > 0.0:
-                result.best = self.candidates.to_the_end(grown)

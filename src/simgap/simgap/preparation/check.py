@@ -241,9 +241,9 @@ def _advice(plant: Plant, aligned: Aligned, found: Check) -> list[str]:
     for joint in moving:
         if joint.reversals >= _REVERSALS and joint.confounded:
             alike.setdefault(joint.confounded, []).append(joint.name)
-    for confounded, names in alike.items():
+    for confounded, those in alike.items():
         advice.append(
-            f"{', '.join(names)}: {' and '.join(confounded)} cannot be told from the rest; vary speed and range, as in "
+            f"{', '.join(those)}: {' and '.join(confounded)} cannot be told from the rest; vary speed and range, as in "
             "a chirp"
         )
     if found.duration < 20.0:
@@ -253,9 +253,9 @@ def _advice(plant: Plant, aligned: Aligned, found: Check) -> list[str]:
         for c in plant.outputs
         if c.qpos >= 0
     }
-    joints = model_names(plant.model, mujoco.mjtObj.mjOBJ_JOINT)
+    names = model_names(plant.model, mujoco.mjtObj.mjOBJ_JOINT)
     unseen = [
-        joints[j]
+        names[j]
         for j in range(plant.model.njnt)
         if plant.model.jnt_type[j] in (2, 3) and int(plant.model.jnt_dofadr[j]) not in measured
     ]
