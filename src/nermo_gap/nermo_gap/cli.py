@@ -15,7 +15,7 @@ from nermo_gap.explain.cli import explain_command, predict_command
 from nermo_gap.protocol.cli import Calibration, Port, detectability_command, record_command, through_graph
 from simgap.blind.cli import blind_app
 from simgap.cli import Baselines, Budget, DiagnosisFile, Only, Out, OwnEffects, Reference, Seed
-from simgap.console import HELP, called, fail, print_diagnosis, progress, silence, writable, write_diagnosis
+from simgap.console import HELP, called, fail, hurried, print_diagnosis, progress, silence, writable, write_diagnosis
 from simgap.live.options import HERE, PORT, Web, WebHost, WebPort
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def diagnose_command(
         options = Options(seed, None, extra, {}, baselines, tuple(only or ()), budget=budget)
         player = None if target is None else _player(target, port, calibration)
         with watched(web, web_host, web_port, player) as live:
-            with silence() as terminal, progress("align", terminal) as say:
+            with silence() as terminal, hurried(terminal) as options.hurry, progress("align", terminal) as say:
                 options.progress, options.staged = (live.beside(say), live.staged) if live else (say, None)
                 if model is not None and map_ is not None:
                     found = _diagnosed(recordings, model, map_, options, reference or ())

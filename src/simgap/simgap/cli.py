@@ -18,6 +18,7 @@ from simgap.console import (
     called,
     fail,
     guarded,
+    hurried,
     print_diagnosis,
     print_each,
     progress,
@@ -100,6 +101,8 @@ def diagnose_command(
 ) -> None:
     """Say where the gap of a recording lies, which effect causes it, and how far the effect shrinks it.
 
+    Ctrl-C ends the search with the best answer so far; a second one without an answer.
+
     \b
     Examples:
       simgap diagnose log.csv --model robot.xml --map map.yaml --out diagnosis
@@ -137,9 +140,9 @@ def diagnose_command(
             print_each(rows, json_ or folder / "summary.json", wanted.command)
             return
         with watched(web, web_host, web_port) as live:
-            with silence() as terminal, progress("align", terminal) as say:
-                told = (live.beside(say), live.staged) if live else (say, None)
-                found = diagnose_files(wanted, *told)
+            with silence() as terminal, hurried(terminal) as hurry, progress("align", terminal) as say:
+                told, staged = (live.beside(say), live.staged) if live else (say, None)
+                found = diagnose_files(wanted, told, staged, hurry)
             written = write_diagnosis(found, out or (None if json_ else Path("diagnosis")), json_, live)
             print_diagnosis(found, written)
 

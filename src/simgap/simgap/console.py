@@ -9,10 +9,13 @@ import contextlib
 import math
 import os
 import shlex
+import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from threading import Event, current_thread, main_thread
+from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 import typer
@@ -55,6 +58,29 @@ def silence() -> Iterator[TextIO]:
             for descriptor, old in zip((1, 2), saved, strict=True):
                 os.dup2(old, descriptor)
                 os.close(old)
+
+
+@contextlib.contextmanager
+def hurried(terminal: TextIO) -> Iterator[Event]:
+    """Yields what the first Ctrl-C sets in here; a second one interrupts, as ever."""
+    hurry, usual = Event(), signal.getsignal(signal.SIGINT)
+    # Where somebody else looks after it, or nobody is to, or no signal comes, it stays so.
+    if usual is not signal.default_int_handler or current_thread() is not main_thread():
+        yield hurry
+        return
+
+    def first(number: int, frame: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, usual)
+        hurry.set()
+        # Not by the stream, in whose midst this may come. What has no descriptor is no terminal.
+        with contextlib.suppress(OSError):
+            os.write(terminal.fileno(), b"\nending with the best answer so far; Ctrl-C again ends without one\n")
+
+    signal.signal(signal.SIGINT, first)
+    try:
+        yield hurry
+    finally:
+        signal.signal(signal.SIGINT, usual)
 
 
 @contextlib.contextmanager

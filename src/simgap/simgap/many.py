@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from simgap.data.errors import GapInputError
@@ -37,8 +38,15 @@ class Wanted:
     command: str = ""
 
 
-def diagnose_files(wanted: Wanted, say: Say | None = None, staged: Callable[[Staged], None] | None = None) -> Diagnosis:
-    """Read, check and diagnose recordings as one; ``staged`` is told what is known so far.
+def diagnose_files(
+    wanted: Wanted,
+    say: Say | None = None,
+    staged: Callable[[Staged], None] | None = None,
+    hurry: Event | None = None,
+) -> Diagnosis:
+    """Read, check and diagnose recordings as one.
+
+    ``staged`` is told what is known so far; ``hurry``, set, ends it with the best answer so far.
 
     Raises:
         GapInputError: a file cannot be used.
@@ -70,6 +78,7 @@ def diagnose_files(wanted: Wanted, say: Say | None = None, staged: Callable[[Sta
         corrects=original(plant.map),
         reference=[load_recording(r, plant) for r in wanted.reference],
         staged=staged,
+        hurry=hurry,
     )
     found = diagnose(read, plant, options)
     found.report |= {"command": wanted.command, "data": seen.report()}

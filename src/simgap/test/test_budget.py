@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from threading import Event
 from typing import Any
 
 import mujoco
@@ -135,3 +141,42 @@ def test_what_a_reference_has_used_is_not_shared_out_again(monkeypatch: pytest.M
     left.ended("nuisances")
     assert left.warning() == "within the budget of 100 s nominal numbers were not fitted to the end"
     assert budget.Budget(None).rest().seconds is None
+
+
+def test_an_event_ends_it_as_a_spent_budget_does() -> None:
+    plant, table = plant_of("pendulum"), simulate("pendulum", 10.0, change=_own_coulomb)
+    hurry = Event()
+
+    def told(stage: str, share: float) -> None:
+        if stage == "finals":
+            hurry.set()
+
+    options = Options(only=SOME, threads=1, progress=told, hurry=hurry)
+    report = diagnose([recording_from_table(table, plant)], plant, options).report
+    assert [e["name"] for e in report["effects"]] == ["coulomb_friction"]
+    (warning,) = [w for w in report["warnings"] if w.startswith("ended by hand: ")]
+    assert "leading effects were fitted roughly" in warning
+    assert report["next_experiment"] is None and report["waterfall"], "the report is whole"
+
+
+@pytest.mark.parametrize("pressed", [1, 2])
+def test_ctrl_c_ends_with_the_best_answer_so_far_and_a_second_one_without(pressed: int, tmp_path: Path) -> None:
+    """The command, in a process of its own."""
+    simgap = [sys.executable, "-m", "simgap"]
+    make = [*simgap, "example", "--out", str(tmp_path), "--make-only"]
+    subprocess.run(make, check=True, capture_output=True)
+    words = ["diagnose", "log.csv", "--model", "model.xml", "--map", "map.yaml", "--out", "found", "--no-baselines"]
+    with subprocess.Popen([*simgap, *words], cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        for _ in range(pressed):
+            # In the midst of the search; the second once the first is answered.
+            next(line for line in process.stderr if line.startswith(("fit: ", "ending with the best")))
+            process.send_signal(signal.SIGINT)
+        told = process.stderr.read()
+    written = tmp_path / "found" / "diagnosis.json"
+    if pressed == 2:
+        assert process.returncode != 0 and not written.exists(), told
+        return
+    assert process.returncode == 0, told
+    report = json.loads(written.read_text())
+    assert any(w.startswith("ended by hand: ") for w in report["warnings"]) and report["next_experiment"] is None

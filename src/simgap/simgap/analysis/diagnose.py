@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import mujoco
@@ -85,7 +86,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     """
     options = options or Options()
     started = time.monotonic()
-    budget = Budget(options.budget, started)
+    budget = Budget(options.budget, started, hurry=options.hurry or Event())
     options.say("align", 0.0)
     well = []
     if options.reference:
@@ -150,7 +151,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
         lambda share: options.say("free runs", share),
     )
     report |= keys
-    if budget.seconds is not None and any(r.cut_short and r.duration < 0.9 * LONGEST for r in runs):
+    if budget.limited and any(r.cut_short and r.duration < 0.9 * LONGEST for r in runs):
         budget.left_out.append("of whole runs only the beginning was simulated")
     report["borders"] = [*(b.told() for b in found.near), *(r.told() for r in found.rates)]
     report["torque_balance"] = [b.told() for b in found.balances]

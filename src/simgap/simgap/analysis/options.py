@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,8 @@ class Options:
     """Where the next experiment is chosen from; by default the one that suits any robot with inputs."""
     budget: float | None = None
     """[s] that the diagnosis may take; no limit where None."""
+    hurry: Event | None = None
+    """Set at any time, it ends the search as a budget that is spent does."""
 
     corrects: Plant | None = None
     """The model as it was before `simgap apply` wrote into it what an earlier diagnosis had found, where it did: a

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from threading import Event
 
 from simgap.analysis.options import Options
 from simgap.analysis.search import search
@@ -33,7 +34,8 @@ def learn(recordings: Sequence[Recording], plant: Plant, options: Options) -> li
     Raises:
         GapInputError: the recordings cannot be used.
     """
-    budget = Budget(None if options.budget is None else _SHARE * options.budget)
+    seconds = None if options.budget is None else _SHARE * options.budget
+    budget = Budget(seconds, hurry=options.hurry or Event())
     own = replace(
         options, reference=(), staged=None, progress=lambda stage, share: options.say(f"reference: {stage}", share)
     )

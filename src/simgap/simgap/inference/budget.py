@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from threading import Event
 
 NUISANCES, SEARCH, PROPOSAL, LONG_WINDOWS, ALL = 0.3, 0.6, 0.75, 0.85, 1.0
 """Shares of a budget after which nominal numbers are taken as far as they are fitted, and the search, that for the next
@@ -36,28 +37,37 @@ class Budget:
     Attributes:
         left_out: what was not looked at for want of time, in words.
         asked: what somebody asked for, where a part of it was spent before.
+        hurry: set, it is as if all of it were spent: somebody wants the best answer so far.
     """
 
     seconds: float | None = None
     started: float = field(default_factory=time.monotonic)
     left_out: list[str] = field(default_factory=list)
     asked: float | None = None
+    hurry: Event = field(default_factory=Event)
     _stage: str = "nuisances"
     _ends: float | None = None
 
     def spent(self, share: float = ALL) -> bool:
         """Whether a share of the budget is used up."""
-        return self.seconds is not None and time.monotonic() - self.started > share * self.seconds
+        over = self.seconds is not None and time.monotonic() - self.started > share * self.seconds
+        return over or self.hurry.is_set()
+
+    @property
+    def limited(self) -> bool:
+        """Whether it ends at some time, whatever is left to do."""
+        return self.seconds is not None or self.hurry.is_set()
 
     def remaining(self) -> float | None:
         """[s] that are left for the last stage, at least LEAST; None without a limit."""
-        if self.seconds is None:
-            return None
-        return max(self.seconds - (time.monotonic() - self.started), LEAST * self.seconds)
+        used = time.monotonic() - self.started
+        if self.hurry.is_set():
+            return LEAST * used
+        return None if self.seconds is None else max(self.seconds - used, LEAST * self.seconds)
 
     def rest(self) -> Budget:
         """What is left, to be shared out anew."""
-        return Budget(self.remaining(), time.monotonic(), asked=self.asked or self.seconds)
+        return Budget(self.remaining(), time.monotonic(), asked=self.asked or self.seconds, hurry=self.hurry)
 
     @contextmanager
     def until(self, share: float) -> Iterator[None]:
@@ -96,4 +106,5 @@ class Budget:
         """What was not looked at, in a sentence; empty where all was."""
         if not self.left_out:
             return ""
-        return f"within the budget of {self.asked or self.seconds:g} s {'; '.join(self.left_out)}"
+        until = "ended by hand:" if self.hurry.is_set() else f"within the budget of {self.asked or self.seconds:g} s"
+        return f"{until} {'; '.join(self.left_out)}"
