@@ -119,3 +119,18 @@ def test_a_search_that_ended_in_time_leaves_them_theirs(monkeypatch: pytest.Monk
     assert any("within the budget" in warning for warning in hurried.report["warnings"])
     assert [e["name"] for e in hurried.report["effects"]] == ["coulomb_friction"]
     assert hurried.longer is not None and hurried.longer.gain > 0.0
+
+
+def test_time_that_ends_between_two_priors_leaves_what_earlier_ones_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    shares: list[float] = []
+    watch = budget.Budget.watch
+
+    def noting(stage: str, share: float) -> None:
+        if stage == "long windows":
+            shares.append(share)
+
+    monkeypatch.setattr(budget.Budget, "spent", lambda self, share=1.0: len(shares) > 2 and share < 1.0)
+    monkeypatch.setattr(budget.Budget, "watch", lambda self, _: watch(self, noting))
+    report = _diagnosed(1e6).report
+    assert report["long_windows"]["prior_wider"] in WIDER[:2]
+    assert any("numbers were not fitted again by every prior" in w for w in report["warnings"])

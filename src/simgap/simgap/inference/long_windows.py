@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.data.align import Aligned, Run
+from simgap.inference.budget import OutOfTimeError
 from simgap.inference.deviations import nuisance_deviation
 from simgap.inference.fit import Fitter
-from simgap.inference.hypothesis import Fit
+from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.nuisance import BOX, Nuisance
 from simgap.inference.residual import Residuals
 from simgap.simulation.horizon import forgets
@@ -100,12 +101,21 @@ def refit(fitter: Fitter, fit: Fit, say: Callable[[float], None] = lambda share:
     plain.estimate_independent(plain.replay(fit.hypothesis, [(fit.x, fit.z)])[0])
     before = _held_cost(plain, fit)
     best: LongWindows | None = None
+    x, z = fit.x, fit.z
     for k, wider in enumerate(WIDER):
-        say(k / len(WIDER))
         share = np.array([wider if undrawn(n) else 1.0 for n in fitter.nuisances])
         own = Fitter(residuals, [n.scaled(s) for n, s in zip(fitter.nuisances, share, strict=True)], fitter.base)
         own.likelihood, own.budget = plain.likelihood, fitter.budget
-        found = _fitted(own, fit, np.clip(fit.z / share, -BOX, BOX))
+        try:
+            say(k / len(WIDER))
+            found = _fitted(own, fit.hypothesis, x, np.clip(z / share, -BOX, BOX))
+        except OutOfTimeError:
+            if best is None:
+                raise
+            fitter.budget.ended("wider priors")
+            return best
+        # Where a narrower prior ended the next one begins: it is nearer than the short windows' numbers.
+        x, z = found.x, share * found.z
         gain = before - (float(np.nansum(found.held_cost)) + found.prior)
         if gain > (best.gain if best else 0.0):
             sd = share * nuisance_deviation(own, found)
@@ -171,9 +181,8 @@ def _held_cost(fitter: Fitter, fit: Fit) -> float:
     return float(np.nansum(fitter.likelihood.held_out(held, fold, squares))) + fit.prior
 
 
-def _fitted(fitter: Fitter, fit: Fit, z: Array) -> Fit:
-    """Fit from the short windows' numbers until it settles, and cross-validate."""
-    hypothesis, x = fit.hypothesis, fit.x
+def _fitted(fitter: Fitter, hypothesis: Hypothesis, x: Array, z: Array) -> Fit:
+    """Fit from these numbers until it settles, and cross-validate."""
     residual = fitter.replay(hypothesis, [(x, z)])[0]
     last = np.inf
     for _ in range(_ROUNDS):
