@@ -14,13 +14,14 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from threading import Event, current_thread, main_thread
+from threading import current_thread, main_thread
 from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 import typer
 
 from simgap.data.errors import GapInputError
+from simgap.inference.budget import Hurry
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -61,9 +62,9 @@ def silence() -> Iterator[TextIO]:
 
 
 @contextlib.contextmanager
-def hurried(terminal: TextIO) -> Iterator[Event]:
-    """Yields what the first Ctrl-C sets in here; a second one interrupts, as ever."""
-    hurry, usual = Event(), signal.getsignal(signal.SIGINT)
+def hurried(terminal: TextIO) -> Iterator[Hurry]:
+    """Yields what the first Ctrl-C in here sets to wanted; a second one interrupts, as ever."""
+    hurry, usual = Hurry(), signal.getsignal(signal.SIGINT)
     # Where somebody else looks after it, or nobody is to, or no signal comes, it stays so.
     if usual is not signal.default_int_handler or current_thread() is not main_thread():
         yield hurry
@@ -71,7 +72,7 @@ def hurried(terminal: TextIO) -> Iterator[Event]:
 
     def first(number: int, frame: FrameType | None) -> None:
         signal.signal(signal.SIGINT, usual)
-        hurry.set()
+        hurry.wanted = True
         # Not by the stream, in whose midst this may come. What has no descriptor is no terminal.
         with contextlib.suppress(OSError):
             os.write(terminal.fileno(), b"\nending with the best answer so far; Ctrl-C again ends without one\n")

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from pathlib import Path
-from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from simgap.data.errors import GapInputError
 from simgap.execution.batch import run_batch
 from simgap.execution.executors import PROCESSES, processors
+from simgap.inference.budget import Hurry
 
 if TYPE_CHECKING:
     from simgap.analysis.diagnose import Diagnosis
@@ -42,11 +42,11 @@ def diagnose_files(
     wanted: Wanted,
     say: Say | None = None,
     staged: Callable[[Staged], None] | None = None,
-    hurry: Event | None = None,
+    hurry: Hurry | None = None,
 ) -> Diagnosis:
     """Read, check and diagnose recordings as one.
 
-    ``staged`` is told what is known so far; ``hurry``, set, ends it with the best answer so far.
+    ``staged`` is told what is known so far; ``hurry``, wanted, ends it with the best answer so far.
 
     Raises:
         GapInputError: a file cannot be used.
@@ -78,7 +78,7 @@ def diagnose_files(
         corrects=original(plant.map),
         reference=[load_recording(r, plant) for r in wanted.reference],
         staged=staged,
-        hurry=hurry,
+        hurry=hurry or Hurry(),
     )
     found = diagnose(read, plant, options)
     found.report |= {"command": wanted.command, "data": seen.report()}

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from threading import Event
 from typing import Any
 
 import mujoco
@@ -143,13 +142,13 @@ def test_what_a_reference_has_used_is_not_shared_out_again(monkeypatch: pytest.M
     assert budget.Budget(None).rest().seconds is None
 
 
-def test_an_event_ends_it_as_a_spent_budget_does() -> None:
+def test_hurry_ends_it_as_a_spent_budget_does() -> None:
     plant, table = plant_of("pendulum"), simulate("pendulum", 10.0, change=_own_coulomb)
-    hurry = Event()
+    hurry = budget.Hurry()
 
     def told(stage: str, share: float) -> None:
         if stage == "finals":
-            hurry.set()
+            hurry.wanted = True
 
     options = Options(only=SOME, threads=1, progress=told, hurry=hurry)
     report = diagnose([recording_from_table(table, plant)], plant, options).report

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from threading import Event
 from typing import Any
 
 import mujoco
@@ -86,7 +85,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     """
     options = options or Options()
     started = time.monotonic()
-    budget = Budget(options.budget, started, hurry=options.hurry or Event())
+    budget = Budget(options.budget, started, hurry=options.hurry)
     options.say("align", 0.0)
     well = []
     if options.reference:

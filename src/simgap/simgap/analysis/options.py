@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from simgap.data.align import Aligned
 from simgap.data.plant import Plant
 from simgap.data.recording import Recording
 from simgap.effects.base import Effect
+from simgap.inference.budget import Hurry
 from simgap.inference.effort import Effort, Progress
 from simgap.inference.nuisance import Nuisance, enumerate_nuisances
 from simgap.simulation.integration import FINER
@@ -66,8 +66,8 @@ class Options:
     """Where the next experiment is chosen from; by default the one that suits any robot with inputs."""
     budget: float | None = None
     """[s] that the diagnosis may take; no limit where None."""
-    hurry: Event | None = None
-    """Set at any time, it ends the search as a budget that is spent does."""
+    hurry: Hurry = field(default_factory=Hurry)
+    """Wanted, at any time, it ends the search as a budget that is spent does."""
 
     corrects: Plant | None = None
     """The model as it was before `simgap apply` wrote into it what an earlier diagnosis had found, where it did: a

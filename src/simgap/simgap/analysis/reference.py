@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from threading import Event
 
 from simgap.analysis.options import Options
 from simgap.analysis.search import search
@@ -35,7 +34,7 @@ def learn(recordings: Sequence[Recording], plant: Plant, options: Options) -> li
         GapInputError: the recordings cannot be used.
     """
     seconds = None if options.budget is None else _SHARE * options.budget
-    budget = Budget(seconds, hurry=options.hurry or Event())
+    budget = Budget(seconds, hurry=options.hurry)
     own = replace(
         options, reference=(), staged=None, progress=lambda stage, share: options.say(f"reference: {stage}", share)
     )

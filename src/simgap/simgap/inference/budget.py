@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from threading import Event
 
 NUISANCES, SEARCH, PROPOSAL, LONG_WINDOWS, ALL = 0.3, 0.6, 0.75, 0.85, 1.0
 """Shares of a budget after which nominal numbers are taken as far as they are fitted, and the search, that for the next
@@ -32,37 +31,44 @@ class OutOfTimeError(Exception):
 
 
 @dataclass
+class Hurry:
+    """Whether somebody wants the best answer so far, now; may be set at any time, by a handler of signals too."""
+
+    wanted: bool = False
+
+
+@dataclass
 class Budget:
     """Seconds that a diagnosis may take, from ``started`` (`time.monotonic`) on; no limit where None.
 
     Attributes:
         left_out: what was not looked at for want of time, in words.
         asked: what somebody asked for, where a part of it was spent before.
-        hurry: set, it is as if all of it were spent: somebody wants the best answer so far.
+        hurry: wanted, it is as if all of it were spent.
     """
 
     seconds: float | None = None
     started: float = field(default_factory=time.monotonic)
     left_out: list[str] = field(default_factory=list)
     asked: float | None = None
-    hurry: Event = field(default_factory=Event)
+    hurry: Hurry = field(default_factory=Hurry)
     _stage: str = "nuisances"
     _ends: float | None = None
 
     def spent(self, share: float = ALL) -> bool:
         """Whether a share of the budget is used up."""
         over = self.seconds is not None and time.monotonic() - self.started > share * self.seconds
-        return over or self.hurry.is_set()
+        return over or self.hurry.wanted
 
     @property
     def limited(self) -> bool:
         """Whether it ends at some time, whatever is left to do."""
-        return self.seconds is not None or self.hurry.is_set()
+        return self.seconds is not None or self.hurry.wanted
 
     def remaining(self) -> float | None:
         """[s] that are left for the last stage, at least LEAST; None without a limit."""
         used = time.monotonic() - self.started
-        if self.hurry.is_set():
+        if self.hurry.wanted:
             return LEAST * used
         return None if self.seconds is None else max(self.seconds - used, LEAST * self.seconds)
 
@@ -107,5 +113,5 @@ class Budget:
         """What was not looked at, in a sentence; empty where all was."""
         if not self.left_out:
             return ""
-        until = "ended by hand:" if self.hurry.is_set() else f"within the budget of {self.asked or self.seconds:g} s"
+        until = "ended by hand:" if self.hurry.wanted else f"within the budget of {self.asked or self.seconds:g} s"
         return f"{until} {'; '.join(self.left_out)}"
