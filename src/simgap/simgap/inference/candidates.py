@@ -106,9 +106,14 @@ class Candidates:
             tried.append((float(self.fitter.data_cost(square, select)), hypothesis, x))
         _, hypothesis, x = min(tried, key=lambda t: t[0])
         fit = self.fitter.fit(hypothesis, x, base.fit.z, ITERATIONS, select=select)
-        made = self.scores.scored(self.fitter.polish(fit, rounds=2))
-        # Friction that holds, above all: of a real arm it is worth more than what is added later. In sample none of two
-        # forms with the same parameters flatters; held out, folds are predicted by slopes, by which what sticks is not.
+        return self._in_its_form(self.scores.scored(self.fitter.polish(fit, rounds=2)))
+
+    def _in_its_form(self, made: Scored) -> Scored:
+        """The same, or one of its effects in another form with as many parameters, where that says more in sample.
+
+        Friction that holds, above all: of a real arm it is worth more than what is added later. In sample none of two
+        such forms flatters; held out, folds are predicted by slopes, by which what sticks is not.
+        """
         alike = [f.fit for f in self._forms(made.fit) if f.fit.hypothesis.size == made.fit.hypothesis.size]
         other = min(alike, key=lambda fit: fit.cost, default=made.fit)
         better = self.fitter.polish(other) if other.cost < made.fit.cost else made.fit
@@ -129,7 +134,8 @@ class Candidates:
         if not fits:
             return None
         best = sorted(fits, key=lambda fit: fit.cost)[:_PAIRS_ENDED]
-        return min((self.scores.scored(self.fitter.polish(fit, rounds=2)) for fit in best), key=by_score)
+        made = min((self.scores.scored(self.fitter.polish(fit, rounds=2)) for fit in best), key=by_score)
+        return self._in_its_form(made)
 
     def fitted(self, starts: Sequence[Start], base: Scored) -> list[Scored]:
         """Fits of ``base`` with one effect more, best first."""
