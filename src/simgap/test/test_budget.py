@@ -18,6 +18,7 @@ from simgap.analysis.diagnose import Diagnosis, diagnose
 from simgap.analysis.options import Options
 from simgap.data.recording import recording_from_table
 from simgap.inference import budget
+from simgap.report.sentences import sentences
 from simgap.simulation.replay import Replayer
 
 
@@ -155,6 +156,7 @@ def test_hurry_ends_it_as_a_spent_budget_does() -> None:
     assert [e["name"] for e in report["effects"]] == ["coulomb_friction"]
     (warning,) = [w for w in report["warnings"] if w.startswith("ended by hand: ")]
     assert "leading effects were fitted roughly" in warning
+    assert f"E{warning[1:]}." in sentences(report), "it stands beside the answer, not only among the warnings"
     assert report["next_experiment"] is None and report["waterfall"], "the report is whole"
 
 

@@ -159,6 +159,7 @@ def diagnose(recordings: Sequence[Recording], plant: Plant, options: Options | N
     report["warnings"] = warnings + [
         w for w in (timing_at_its_limit(selection.best.fit, fitter), odd_timing(longer, fitter), budget.warning()) if w
     ]
+    report["unfinished"] = budget.warning()
     report["time_step_s"] = float(plant.model.opt.timestep)
     report["replayed_s"] = residuals.replayer.simulated_seconds
     report["wall_s"] = time.monotonic() - started

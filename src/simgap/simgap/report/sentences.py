@@ -55,8 +55,8 @@ def title(report: Report) -> str:
 
 
 def sentences(report: Report) -> list[str]:
-    """Where, what, how far in short windows and running free; what is left; which numbers sit at their limits."""
-    parts = (where, what, corrected, how_far, free, longer, agreed, left, beside, limits)
+    """Where, what, and what nobody looked at; how far in short windows and running free; what is left; limits."""
+    parts = (where, what, unfinished, corrected, how_far, free, longer, agreed, left, beside, limits)
     return [text for part in parts if (text := part(report))]
 
 
@@ -239,6 +239,12 @@ def beside(report: Report) -> str:
         f"Beside it {names} would gain most, {row['gap_gain']:.0f} nats where {row['asked']:.0f} and a good share of "
         "what is left are asked of a further cause, and is not named."
     )
+
+
+def unfinished(report: Report) -> str:
+    """What nobody looked at: no answer is surer than the search was long."""
+    text = str(report.get("unfinished", ""))
+    return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
 def limits(report: Report) -> str:
