@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 
 import mujoco
@@ -74,3 +75,8 @@ def aligned_of(name: str, table: dict[str, Array]) -> tuple[Plant, Aligned, Arra
     plant = plant_of(name)
     aligned = align(recording_from_table(table, plant), plant)
     return plant, aligned, noise_floor(aligned)
+
+
+def as_from_a_terminal() -> None:
+    """What a shell starts in the background, these tests among it, is deaf to Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)

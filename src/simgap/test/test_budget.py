@@ -11,7 +11,7 @@ from typing import Any
 
 import mujoco
 import pytest
-from robots import plant_of, simulate
+from robots import as_from_a_terminal, plant_of, simulate
 from test_diagnose import SOME, _own_coulomb
 
 from simgap.analysis.diagnose import Diagnosis, diagnose
@@ -167,7 +167,9 @@ def test_ctrl_c_ends_with_the_best_answer_so_far_and_a_second_one_without(presse
     make = [*simgap, "example", "--out", str(tmp_path), "--make-only"]
     subprocess.run(make, check=True, capture_output=True)
     words = ["diagnose", "log.csv", "--model", "model.xml", "--map", "map.yaml", "--out", "found", "--no-baselines"]
-    with subprocess.Popen([*simgap, *words], cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [*simgap, *words], cwd=tmp_path, stderr=subprocess.PIPE, text=True, preexec_fn=as_from_a_terminal
+    ) as process:
         assert process.stderr is not None
         for _ in range(pressed):
             # In the midst of the search; the second once the first is answered.

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robots import MAPS, MODELS, plant_of, simulate
+from robots import MAPS, MODELS, as_from_a_terminal, plant_of, simulate
 from typer.testing import CliRunner
 from yaml import safe_dump
 
@@ -307,11 +307,6 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def _as_from_a_terminal() -> None:
-    """What a shell starts in the background, these tests among it, is deaf to Ctrl-C."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
 class Diagnosis:
     """The command, as it is typed."""
 
@@ -327,7 +322,7 @@ class Diagnosis:
                 ],
                 stdout=file,
                 stderr=subprocess.STDOUT,
-                preexec_fn=_as_from_a_terminal,
+                preexec_fn=as_from_a_terminal,
             )
         until(lambda: re.search(r"watch it at (http://127\.0\.0\.1:\d+/)", self.text) is not None, "the address")
         self.address = re.findall(r"http://127\.0\.0\.1:\d+/", self.text)[0]
@@ -458,15 +453,29 @@ def test_nothing_is_lost_when_the_browser_closes(browser: Any, arm: Path, tmp_pa
 
 @browsed
 @pytest.mark.slow
-def test_an_end_by_ctrl_c_is_told(browser: Any, arm: Path, tmp_path: Path) -> None:
+def test_an_end_by_a_second_ctrl_c_is_told(browser: Any, arm: Path, tmp_path: Path) -> None:
     diagnosis = Diagnosis(arm, tmp_path)
     page, _ = opened(browser, diagnosis.address, WIDE)
     page.locator("#shares div").first.wait_for()
+    diagnosis.process.send_signal(signal.SIGINT)
+    until(lambda: "Ctrl-C again" in diagnosis.text, "an answer to the first one")
     diagnosis.process.send_signal(signal.SIGINT)
     page.locator("#failure").wait_for()
     assert page.locator("#failure").inner_text() == "It was interrupted."
     assert diagnosis.ends() != 0 and "Traceback" not in diagnosis.text
     assert page.locator("#shares div").count() > 0, "what was known stays"
+
+
+@browsed
+@pytest.mark.slow
+def test_a_first_ctrl_c_ends_with_an_answer_that_says_so(browser: Any, arm: Path, tmp_path: Path) -> None:
+    diagnosis = Diagnosis(arm, tmp_path)
+    page, _ = opened(browser, diagnosis.address, WIDE)
+    page.locator("#shares div").first.wait_for()
+    diagnosis.process.send_signal(signal.SIGINT)
+    page.get_by_text("Ended by hand: ").first.wait_for()
+    assert page.locator("#failure").is_hidden()
+    assert diagnosis.ends() == 0 and (tmp_path / "diagnosis.json").exists()
 
 
 @browsed
