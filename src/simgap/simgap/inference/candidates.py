@@ -1,4 +1,4 @@
-"""Fits of candidates: where they begin, in which forms they are tried, and to the end."""
+"""Fits of candidates: where they begin, one more beside others, and to the end."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from simgap.effects.base import Effect
 from simgap.inference.effort import PARTNERS, Effort, Progress
 from simgap.inference.fit import Fitter
+from simgap.inference.forms import Forms
 from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.loose_numbers import own_moved_into
-from simgap.inference.model_selection import EVIDENCE, FINALISTS, generalises
+from simgap.inference.model_selection import EVIDENCE, FINALISTS
 from simgap.inference.proposals import Start
 from simgap.inference.scores import Scored, Scores
 from simgap.inference.screen import Screened, informative_windows
-from simgap.inference.simplex_search import simplex_search
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -37,8 +37,9 @@ FAVOURITES = 2
 SHAKEN = (0.75, 0.88, 0.95, 1.05, 1.14, 1.3)
 """So many times as large an effect is tried once more where much is left: laws that switch (a play, a dead band) have
 optima beside the one that a fit ends in."""
-_SHAKEN_STARTS = 3
-"""Of these values so many are fitted."""
+_SHAKEN_STARTS, _SHAKEN_MOST = 3, 12
+"""Of these values so many are fitted; and of hypotheses with more parameters none are tried: 24 of an arm's six joints
+ask for 290 replays, and each fit for a hundred."""
 _ANOTHER_NAME = 0.995
 """Two effects whose sensitivities have this cosine are one change under two names."""
 _UNTOUCHED = 1
@@ -66,6 +67,7 @@ class Candidates:
     ) -> None:
         self.fitter, self.effects, self.scores = fitter, list(effects), scores
         self.effort, self._progress = effort, progress
+        self.forms = Forms(fitter, self.effects, scores, effort)
 
     def hinted(self, hints: Sequence[Hint]) -> list[Start]:
         """Starts for what single parts speak for, where a hint is there for each part of a candidate's site.
@@ -106,18 +108,7 @@ class Candidates:
             tried.append((float(self.fitter.data_cost(square, select)), hypothesis, x))
         _, hypothesis, x = min(tried, key=lambda t: t[0])
         fit = self.fitter.fit(hypothesis, x, base.fit.z, ITERATIONS, select=select)
-        return self._in_its_form(self.scores.scored(self.fitter.polish(fit, rounds=2)))
-
-    def _in_its_form(self, made: Scored) -> Scored:
-        """The same, or one of its effects in another form with as many parameters, where that says more in sample.
-
-        Friction that holds, above all: of a real arm it is worth more than what is added later. In sample none of two
-        such forms flatters; held out, folds are predicted by slopes, by which what sticks is not.
-        """
-        alike = [f.fit for f in self._forms(made.fit) if f.fit.hypothesis.size == made.fit.hypothesis.size]
-        other = min(alike, key=lambda fit: fit.cost, default=made.fit)
-        better = self.fitter.polish(other) if other.cost < made.fit.cost else made.fit
-        return self.scores.scored(better) if better.cost < made.fit.cost else made
+        return self.scores.scored(self.fitter.polish(self.forms.best(fit), rounds=2))
 
     def paired(self, singles: Sequence[Scored]) -> Scored | None:
         """The best of the best of each kind, two by two; None where there are no two kinds."""
@@ -135,7 +126,9 @@ class Candidates:
             return None
         best = sorted(fits, key=lambda fit: fit.cost)[:_PAIRS_ENDED]
         made = min((self.scores.scored(self.fitter.polish(fit, rounds=2)) for fit in best), key=by_score)
-        return self._in_its_form(made)
+        other = self.forms.best(made.fit)
+        ended = self.fitter.polish(other) if other is not made.fit else other
+        return self.scores.scored(ended) if ended.cost < made.fit.cost else made
 
     def fitted(self, starts: Sequence[Start], base: Scored) -> list[Scored]:
         """Fits of ``base`` with one effect more, best first."""
@@ -194,11 +187,12 @@ class Candidates:
         reference: Scored,
         favourites: Sequence[Screened],
         beside: Sequence[Fit] = (),
+        outdone: bool = False,
     ) -> tuple[list[Scored], Scored]:
         """Refit the leaders with sensitivities of their own, the start of windows judged by the leader's model.
 
         The ``favourites`` of the screening are refitted in any case. Starts are judged by the models of the fits
-        ``beside`` as well.
+        ``beside`` as well. ``outdone``: these are so far ahead that only the first of all is refitted.
         """
         fitter = self.fitter
         if not singles:
@@ -213,12 +207,7 @@ class Candidates:
         models = [fitter.variant(f.hypothesis, f.x, f.z) for f in (reference.fit, *reversed(leaders), *beside)]
         fitter.update_start(*models)
         again = []
-        margin = self.hopeless(reference, singles[0])
-        hopeful = [s for s in singles[: self.effort.finalists] if s.score < singles[0].score + margin]
-        promising = [Hypothesis((f.effect,)).key for f in favourites]
-        hopeful += [s for s in singles if s.key in promising and s not in hopeful]
-        known = {s.key for s in hopeful}
-        hopeful += [f for s in hopeful[:FAVOURITES] for f in self._forms(s.fit) if f.key not in known]
+        hopeful = singles[:1] if outdone else self._hopeful(singles, reference, favourites)
         for i, scored in enumerate([*hopeful, reference]):
             self.say("finals", i / (len(hopeful) + 1))
             fit = fitter.fit(scored.fit.hypothesis, scored.fit.x, scored.fit.z, iterations=1)
@@ -230,47 +219,14 @@ class Candidates:
         keys = {s.key for s in again}
         return again + [s for s in singles if s.key not in keys], reference
 
-    def _forms(self, fit: Fit) -> list[Scored]:
-        """The same effects, one of them in another form or by a law that contains its own; fitted from the same values.
-
-        Such laws are close, and which is the robot's shows only when each is fitted to the end.
-        """
-        found: list[Scored | None] = []
-        for i, effect in enumerate(fit.hypothesis.effects):
-            found += self.other_forms(fit, i)
-            found += [self._generalised(fit, i, law) for law in self.effects if generalises(law, effect)]
-        return [f for f in found if f is not None]
-
-    def other_forms(self, fit: Fit, which: int) -> list[Scored]:
-        """A fit with effect number ``which`` in each of its other forms, begun from the same values."""
-        effects, found = fit.hypothesis.effects, []
-        effect = effects[which]
-        names = [p.name for p in effect.parameters]
-        same = [o for o in self.effects if o.key == effect.key and [p.name for p in o.parameters] == names]
-        for other in [*(o for o in same if o.form != effect.form), *effect.alternatives()]:
-            changed, x = Hypothesis((*effects[:which], other, *effects[which + 1 :])), fit.x
-            if changed.size > len(x):
-                x = simplex_search(self.fitter, changed, which, x, fit.z, self.effort.sought)
-            found.append(self.scores.scored(self.fitter.cross_validate(self.fitter.fit(changed, x, fit.z))))
-        return found
-
-    def _generalised(self, fit: Fit, which: int, law: Effect) -> Scored | None:
-        """A fit with a law instead of its special case, effect number ``which``; from the best of the law's starts."""
-        effects = fit.hypothesis.effects
-        first = Hypothesis(effects[:which]).size
-        own = fit.x[first : first + len(effects[which].parameters)]
-        starts = law.starts_from(own.tolist())
-        if not starts:
-            return None
-        made = [Hypothesis((*effects[:which], form, *effects[which + 1 :])) for form in (law, *law.alternatives())]
-        after = fit.x[first + len(own) :]
-        points = [(np.concatenate([fit.x[:first], start, after]), fit.z) for start in starts]
-        fits = []
-        for hypothesis in made:
-            squares = self.fitter.mean_square(self.fitter.replay(hypothesis, points))
-            x, z = points[int(np.argmin(self.fitter.data_cost(squares)))]
-            fits.append(self.fitter.fit(hypothesis, x, z))
-        return self.scores.scored(self.fitter.cross_validate(min(fits, key=lambda f: f.cost)))
+    def _hopeful(self, singles: Sequence[Scored], reference: Scored, favourites: Sequence[Screened]) -> list[Scored]:
+        """Those to refit: the leaders that are not far behind, the ``favourites``, and the first in other forms."""
+        margin = self.hopeless(reference, singles[0])
+        found = [s for s in singles[: self.effort.finalists] if s.score < singles[0].score + margin]
+        promising = [Hypothesis((f.effect,)).key for f in favourites]
+        found += [s for s in singles if s.key in promising and s not in found]
+        known = {s.key for s in found}
+        return found + [f for s in found[:FAVOURITES] for f in self.forms.of(s.fit) if f.key not in known]
 
     @staticmethod
     def hopeless(without: Scored, best: Scored) -> float:
@@ -305,7 +261,7 @@ class Candidates:
         promising = {base.fit.hypothesis.with_effect(effect).key for effect, _, _ in favourites}
         hopeful += [p for p in pairs if p.key in promising and p not in hopeful]
         polished = [self.scores.scored(fitter.polish(p.fit)) for p in hopeful]
-        polished += [self.scores.scored(fitter.polish(f.fit)) for f in self._forms(min(polished, key=by_score).fit)]
+        polished += [self.scores.scored(fitter.polish(f.fit)) for f in self.forms.of(min(polished, key=by_score).fit)]
         keys = {p.key for p in polished}
         found = [*polished, *(p for p in pairs if p.key not in keys)]
         return sorted((p for p in found if not self._says_again(p.fit)), key=by_score)
@@ -409,6 +365,8 @@ class Candidates:
     def restarted(self, scored: Scored) -> Scored:
         """A winner, begun anew from values about its own, one at a time, nominal numbers as they are or untouched."""
         fitter, fit = self.fitter, scored.fit
+        if fit.hypothesis.size > _SHAKEN_MOST:
+            return scored
         u, neutral = fit.hypothesis.scaled(fit.x), fit.hypothesis.scaled(fit.hypothesis.vector("neutral"))
         points = []
         for i, share in product(range(len(fit.x)), SHAKEN):

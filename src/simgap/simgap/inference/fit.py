@@ -26,6 +26,9 @@ _LARGER = (1.0, 1.5, 2.2, 3.3)
 """Where nuisances do a part of what an effect does, the whole effect is so much larger."""
 _VALLEY = 0.05
 """[nats] Polishing ends when a round gains less."""
+LITTLE = 0.005
+"""Or less than this share of all that is explained: an eighth of what the law that is fitted may be off by
+(`thresholds.LAW_ERROR`)."""
 MANY = 24
 """With more nuisances than this, what they answer is computed by one factorisation, some are left out (`_WORTH`)."""
 _ALL, _MOVED = 48, 0.5
@@ -168,6 +171,10 @@ class Fitter(GaussNewton):
         self.estimate_independent(fit.residual)
         return self.fit(empty, none, fit.z, iterations=2, known=fit.residual)
 
+    def _little(self, fit: Fit) -> float:
+        """What does not matter [nats] beside all that a fit explains; of a robot that lands each nat may."""
+        return LITTLE * (self.nominal.cost - fit.cost) if self.nominal and not self.lands else 0.0
+
     def polish(self, fit: Fit, rounds: int = 1) -> Fit:
         """Fit on with nuisance sensitivities computed at the fit itself; those of the fitter stay as they are.
 
@@ -185,7 +192,7 @@ class Fitter(GaussNewton):
                 rested = self.fit(fit.hypothesis, *self._at_rest(fit), 4)
                 better, strained = min(better, rested, key=lambda f: f.cost), False
             gain, fit = fit.cost - better.cost, better
-            if gain < _VALLEY:
+            if gain < max(_VALLEY, self._little(fit)):
                 break
         fit.polished = True
         return self.cross_validate(fit)

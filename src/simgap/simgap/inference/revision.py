@@ -64,7 +64,7 @@ class Revision:
             return earns(self._scores, simpler, with_, len(self._effects), unrivalled, first)
 
         hopeful = simpler.score - full.score > EVIDENCE_MORE
-        return earned(full) or (hopeful and any(map(earned, self._candidates.other_forms(full.fit, which))))
+        return earned(full) or (hopeful and any(map(earned, self._candidates.forms.others(full.fit, which))))
 
     def grow(self, result: Selection) -> None:
         """Let the parameter of each effect that was found grow with time, where the recording is long enough."""

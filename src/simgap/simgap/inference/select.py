@@ -44,6 +44,9 @@ Array = NDArray[np.float64]
 _BEHIND = 0.9
 """Share of what the causes earn that single parts speak for together: of a single effect that earns less, no search
 begins. Where the truth is one effect, it earns about all of it."""
+_FAR_BEHIND = 0.7
+"""Where the first half of single effects earn less than this share by rough fits, the others, which promised less, are
+not fitted, and of these the best alone is refined."""
 REPEATED = 1.0
 """[noise floors] With no more left than that in any channel, nominal numbers predict the robot as well as repeating the
 experiment does, and no effect is looked for: what is finer than the noise shows in how it was estimated."""
@@ -214,7 +217,7 @@ class Selector:
         """The better of what was begun with single parts, scored as the others are by now, and what was found."""
         old = begun.best.fit
         again = self.fitter.fit(old.hypothesis, old.x, old.z, iterations=1)
-        best = self.candidates.to_the_end(self.scores.scored(self.fitter.polish(again)))
+        best = self.candidates.to_the_end(self.scores.scored(self.fitter.cross_validate(again)))
         gain = self.scores.difference(found.reference.fit, best.fit)
         rivals = sorted([best, *(s for s in found.singles if s.key != best.key)], key=by_score)
         other = replace(found, best=best, rivals=rivals, gains=[gain], unrivalled=set())
@@ -228,10 +231,16 @@ class Selector:
         beside, screened = self.proposals.about(reference.fit), self.proposals.about_nominal()
         self._found = replace(self._found, screened=screened)
         starts = self.proposals.most_promising(screened, beside, reference.fit)
-        singles = self.candidates.fitted([*self.candidates.hinted(self._hints), *starts], reference)
+        starts = [*self.candidates.hinted(self._hints), *starts]
+        first = len(starts) if begun is None else len(starts) - len(starts) // 2
+        singles = self.candidates.fitted(starts[:first], reference)
+        # Fits with the nominal model's sensitivities are rough, but not by so much.
+        outdone = bool(begun and singles and self._outdone(singles[0], begun, reference, _FAR_BEHIND))
+        if not outdone and first < len(starts):
+            singles = sorted([*singles, *self.candidates.fitted(starts[first:], reference)], key=by_score)
         self._found = replace(self._found, singles=singles)
         singles, reference = self.candidates.finals(
-            singles, reference, screened[:FAVOURITES], [begun.best.fit] if begun else []
+            singles, reference, screened[:FAVOURITES], [begun.best.fit] if begun else [], outdone
         )
         self.proposals.forget()
         gap = self._nominal_gap()
@@ -278,9 +287,9 @@ class Selector:
         return earns(self.scores, reference, first, len(self.effects))
 
     @staticmethod
-    def _outdone(winner: Scored, begun: Selection, reference: Scored) -> bool:
+    def _outdone(winner: Scored, begun: Selection, reference: Scored, share: float = _BEHIND) -> bool:
         """Whether a single effect is so far behind what was begun with that building on it would find it again."""
-        return reference.score - winner.score < _BEHIND * (reference.score - begun.best.score)
+        return reference.score - winner.score < share * (reference.score - begun.best.score)
 
     def _forward(
         self, result: Selection, singles: list[Scored], first: Scored, screened: Sequence[Screened]
