@@ -15,7 +15,7 @@ from simgap.analysis.options import Options
 from simgap.analysis.recalibration import calibration
 from simgap.data.recording import recording_from_table
 from simgap.inference import budget
-from simgap.inference.long_windows import WIDER, folds_of_runs, undrawn
+from simgap.inference.long_windows import WIDER, folds_of_runs, settled, undrawn
 from simgap.report.sentences import sentences
 from simgap.simulation.variant import Variant
 
@@ -83,6 +83,21 @@ def _drag(found: Diagnosis, z: Array, joint: int) -> float:
     """Damping of a joint with its servo's [N m s/rad]."""
     made = found.selector.fitter.variant(found.selection.best.fit.hypothesis, found.selection.best.fit.x, z).model
     return float(made.dof_damping[joint] - made.actuator_biasprm[joint, 2])
+
+
+@pytest.mark.parametrize("off", [0.0, 0.5])
+def test_wrong_sensitivities_to_begin_with_lead_to_the_same_end(found: Diagnosis, off: float) -> None:
+    """And there a fit with new ones gains nothing to speak of."""
+    fitter, best = found.selector.fitter, found.selection.best.fit
+    wrong = (1.0 - off) * best.effect_jacobian
+    with fitter.sensitivities_kept():
+        fitter.jacobian = ((1.0 - off) * fitter.jacobian).astype(np.float32)
+        end = settled(fitter, best.hypothesis, 0.5 * best.x, np.full_like(best.z, 0.5), wrong)
+        fitter.refresh(end.hypothesis, end.x, end.z, end.residual)
+        further = fitter.fit(end.hypothesis, end.x, end.z)
+    assert end.cost - further.cost < 1.0
+    assert end.cost == pytest.approx(best.cost, abs=1.0)
+    np.testing.assert_allclose(end.x, best.x, rtol=0.05)
 
 
 def test_its_numbers_are_in_the_units_of_the_short_windows(found: Diagnosis) -> None:

@@ -205,6 +205,13 @@ class GaussNewton:
             found = self._descended(hypothesis, x, z, iterations, known, select, box, slope)
         return found if roughly else self.complete(found)
 
+    def descend(self, hypothesis: Hypothesis, x: Array, z: Array, iterations: int, known: Array, slope: Array) -> Fit:
+        """The same on all windows with the sensitivities that are there, ``slope`` those to the effects' parameters.
+
+        What steps teach about either stays, in the fitter and in the fit. Ends where they lead no further.
+        """
+        return self._descended(hypothesis, x, z, iterations, known, None, BOX, slope, learning=True)
+
     def _descended(
         self,
         hypothesis: Hypothesis,
@@ -215,6 +222,7 @@ class GaussNewton:
         select: Ints | None,
         box: float,
         slope: Array | None,
+        learning: bool = False,
     ) -> Fit:
         low, high = hypothesis.scaled(hypothesis.vector("low")), hypothesis.scaled(hypothesis.vector("high"))
         neutral = hypothesis.scaled(hypothesis.vector("neutral"))
@@ -226,7 +234,7 @@ class GaussNewton:
         if select is not None:
             self.jacobian = self.jacobian[:, select]
         for _ in range(iterations):
-            if stale or (len(x) < _REUSED and not fresh):
+            if not learning and (stale or (len(x) < _REUSED and not fresh)):
                 jacobian, fresh, stale = self.sensitivities(hypothesis, x, z, residual, select), True, False
             u = hypothesis.scaled(x)
             reach = 3.0 + np.abs(u - neutral)
@@ -239,7 +247,7 @@ class GaussNewton:
                 if new_cost < cost:
                     break
             else:
-                if fresh:
+                if fresh or learning:
                     break
                 stale = True
                 continue
@@ -253,14 +261,14 @@ class GaussNewton:
                 self.jacobian = self.jacobian + update
                 jacobian = jacobian + (moved_x / length)[:, None, None, None] * missed
             (x, z), residual, cost = point, tried, new_cost
-            if gain < _ENDED and (fresh or len(x) < _REUSED):
+            if gain < _ENDED and (fresh or len(x) < _REUSED or learning):
                 fresh = False
                 break
             fresh, stale = False, gain < max(0.5 * hoped, _ENDED)
         if select is not None:
             residual, fresh = self.replay(hypothesis, [(x, z)])[0], False
             cost = self.cost(residual, z)
-        return Fit(hypothesis, x, z, cost, residual, jacobian if fresh else jacobian[:0])
+        return Fit(hypothesis, x, z, cost, residual, jacobian if fresh or learning else jacobian[:0])
 
     def complete(self, fit: Fit) -> Fit:
         """A fit with its effects' sensitivities in all windows, computed where they are not there."""

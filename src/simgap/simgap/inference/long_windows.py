@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from simgap.data.align import Aligned, Run
 from simgap.inference.budget import OutOfTimeError
 from simgap.inference.deviations import nuisance_deviation
-from simgap.inference.fit import Fitter
+from simgap.inference.fit import LITTLE, Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
 from simgap.inference.nuisance import BOX, Nuisance
 from simgap.inference.residual import Residuals
@@ -38,10 +38,15 @@ WIDER = (1.0, 4.0, 16.0)
 """Times as wide as usual are the priors of what nobody draws. The last leaves a factor of seven either way."""
 UNDRAWN = ("timing", "damping", "friction", "stiffness", "tendon", "armature", "gain", "rate gain", "zero")
 """First words of the names of numbers that no drawing holds."""
+_LOOKED_AT = 8
+"""Windows in which it is asked what becomes of an error of the start."""
 _KEPT = 1.0
 """Share of an error of the start that may be left at the end of a long window: friction holds it, chaos enlarges it."""
-_ROUNDS, _SETTLED = 4, 0.5
-"""Of fitting with sensitivities taken anew, at most; and the gain [nats] of a round below which there is no other."""
+_ROUNDS, _STEPS = 4, 10
+"""Of sensitivities taken anew, at most, and of steps by them."""
+_SETTLED = 0.5
+"""A round that gains less [nats], or less than the share LITTLE of what all have gained, is the last by its
+sensitivities."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +98,7 @@ def refit(fitter: Fitter, fit: Fit, say: Callable[[float], None] = lambda share:
     if windows is None:
         return None
     replayer = Replayer(base.plant, base.aligned, windows, base.floor, base.threads)
-    if not forgets(replayer, _variant(fitter, fit), _KEPT):
+    if not forgets(replayer, _variant(fitter, fit), _KEPT, _LOOKED_AT):
         return None
     residuals = Residuals.build(replayer, _variant(fitter, fit))
     plain = Fitter(residuals, fitter.nuisances, fitter.base)
@@ -101,21 +106,24 @@ def refit(fitter: Fitter, fit: Fit, say: Callable[[float], None] = lambda share:
     plain.estimate_independent(plain.replay(fit.hypothesis, [(fit.x, fit.z)])[0])
     before = _held_cost(plain, fit)
     best: LongWindows | None = None
-    x, z = fit.x, fit.z
+    x, z, taught, slope = fit.x, fit.z, None, None
     for k, wider in enumerate(WIDER):
         share = np.array([wider if undrawn(n) else 1.0 for n in fitter.nuisances])
         own = Fitter(residuals, [n.scaled(s) for n, s in zip(fitter.nuisances, share, strict=True)], fitter.base)
         own.likelihood, own.budget = plain.likelihood, fitter.budget
+        if taught is not None:
+            own.jacobian = (taught * share[:, None, None, None]).astype(np.float32)
         try:
             say(k / len(WIDER))
-            found = _fitted(own, fit.hypothesis, x, np.clip(z / share, -BOX, BOX))
+            found = settled(own, fit.hypothesis, x, np.clip(z / share, -BOX, BOX), slope)
         except OutOfTimeError:
             if best is None:
                 raise
             fitter.budget.ended("wider priors")
             return best
         # Where a narrower prior ended the next one begins: it is nearer than the short windows' numbers.
-        x, z = found.x, share * found.z
+        x, z, slope = found.x, share * found.z, found.effect_jacobian
+        taught = own.jacobian / share[:, None, None, None]
         gain = before - (float(np.nansum(found.held_cost)) + found.prior)
         if gain > (best.gain if best else 0.0):
             sd = share * nuisance_deviation(own, found)
@@ -181,15 +189,22 @@ def _held_cost(fitter: Fitter, fit: Fit) -> float:
     return float(np.nansum(fitter.likelihood.held_out(held, fold, squares))) + fit.prior
 
 
-def _fitted(fitter: Fitter, hypothesis: Hypothesis, x: Array, z: Array) -> Fit:
-    """Fit from these numbers until it settles, and cross-validate."""
+def settled(fitter: Fitter, hypothesis: Hypothesis, x: Array, z: Array, slope: Array | None) -> Fit:
+    """Fit from these numbers until it settles, and cross-validate.
+
+    Sensitivities are taken anew only where those that are there, and what steps taught about them, lead no further:
+    each number asks for a replay. ``slope``: those to the effects' parameters, None where none are there.
+    """
     residual = fitter.replay(hypothesis, [(x, z)])[0]
-    last = np.inf
+    first = fitter.cost(residual, z)
+    found = None if slope is None else fitter.descend(hypothesis, x, z, _STEPS, residual, slope)
     for _ in range(_ROUNDS):
+        if found:
+            x, z, residual = found.x, found.z, found.residual
+        before = found.cost if found else first
         fitter.refresh(hypothesis, x, z, residual)
-        found = fitter.fit(hypothesis, x, z, 6, residual)
-        x, z, residual = found.x, found.z, found.residual
-        if last - found.cost < _SETTLED:
+        found = fitter.descend(hypothesis, x, z, _STEPS, residual, fitter.sensitivities(hypothesis, x, z, residual))
+        if before - found.cost < max(_SETTLED, LITTLE * (first - found.cost)):
             break
-        last = found.cost
+    assert found is not None
     return fitter.cross_validate(found)

@@ -46,18 +46,26 @@ def usable_horizon(replayer: Replayer, nominal: Variant) -> float:
     return max(float(times[grown[0]]), SHORTEST) if len(grown) else float(times[-1])
 
 
-def forgets(replayer: Replayer, nominal: Variant, left: float = _FORGOTTEN) -> bool:
-    """Whether at most a share ``left`` of an error of the start is there at the end of a window, in most windows."""
+def forgets(replayer: Replayer, nominal: Variant, left: float = _FORGOTTEN, most: int | None = None) -> bool:
+    """Whether at most a share ``left`` of an error of the start is there at the end of a window, in most windows.
+
+    ``most``: so many of them are looked at, spread over the recording; all where None.
+    """
     state = replayer.state
     if state.base is not None or not state.complete(replayer.plant.model):
         return False
-    growth = start_growth(replayer, nominal)
+    growth = start_growth(replayer, nominal, most)
     return bool(growth.size and np.percentile(growth[..., -1].max(axis=0), _MANY) < left)
 
 
-def start_growth(replayer: Replayer, nominal: Variant) -> Array:
-    """Factor (nm, nw, ns) by which an error of each measured scalar coordinate has grown at each sample."""
-    state, nw = replayer.state, len(replayer.windows)
+def start_growth(replayer: Replayer, nominal: Variant, most: int | None = None) -> Array:
+    """Factor (nm, nw, ns) by which an error of each measured scalar coordinate has grown at each sample.
+
+    In all windows, or in ``most`` of them.
+    """
+    state, count = replayer.state, len(replayer.windows)
+    windows = np.unique(np.linspace(0, count - 1, min(most or count, count)).round().astype(np.int64))
+    nw = len(windows)
     known = np.flatnonzero(state.qpos >= 0)
     channels = {c.qpos: i for i, c in enumerate(replayer.plant.outputs) if c.qpos >= 0 and replayer.aligned.live[i]}
     swing = np.maximum(state.position.std(axis=0), 1e-12)
@@ -68,7 +76,7 @@ def start_growth(replayer: Replayer, nominal: Variant) -> Array:
     outputs = replayer.run_pairs(
         [nominal],
         np.zeros(count * nw, np.int64),
-        np.tile(np.arange(nw), count),
+        np.tile(windows, count),
         np.repeat(shift, nw, axis=0),
         np.zeros((count * nw, state.size)),
     )
