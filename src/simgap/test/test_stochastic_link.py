@@ -20,7 +20,10 @@ from simgap.data.plant import build_plant
 from simgap.data.recording import recording_from_table
 from simgap.effects.base import Context
 from simgap.effects.library import enumerate_effects
+from simgap.effects.link import Late
 from simgap.inference.fit import Fitter
+from simgap.inference.hypothesis import Hypothesis
+from simgap.inference.link_fit import LinkFitter
 from simgap.inference.nuisance import BOX
 from simgap.inference.residual import Residuals
 from simgap.inference.scatter import Likelihood, Room, factor_of
@@ -133,6 +136,23 @@ def test_an_effect_is_found_under_what_a_lossy_link_scatters() -> None:
     assert found["coulomb_friction"]["value"] == pytest.approx(0.15, rel=0.15), report["reasons"]
     assert link == {"link_loss"} or ["link_jitter@all", "link_loss@all"] in report["equivalent"]
     assert len(link) == 1 and report["verdict"] in ("effect", "ambiguous")
+
+
+@pytest.mark.parametrize("lossy", [False, True])
+def test_a_link_is_fitted_beside_what_leaves_no_more_than_a_link_could(lossy: bool) -> None:
+    """Beside friction a lossy link does; a weak servo leaves what no lost command makes."""
+    plant = plant_of("pendulum")
+    table = simulate("pendulum", 12.0, change=_rub if lossy else _weaken, signal=_lossy if lossy else None)
+    options = Options(only=("link_loss", "coulomb_friction"), baselines=False, threads=1)
+    found = diagnose([recording_from_table(table, plant)], plant, options)
+    fitter = found.selector.fitter
+    friction = next(e for e in found.selector.effects if e.name == "coulomb_friction")
+    fit = fitter.polish(fitter.fit(Hypothesis((friction,)), np.array([0.15]), np.zeros(len(fitter.nuisances))))
+    (link,) = [e for e in found.selector.effects if isinstance(e, Late)]
+    made = LinkFitter(fitter, fit).beside(link, fit.hypothesis.effects, fit.x, fit.z)
+    assert (made is not None) == lossy
+    if made:
+        assert made.fit.x == pytest.approx([0.15, 0.5], rel=0.2)
 
 
 def test_what_stands_in_for_a_links_mean_is_not_named_beside_it() -> None:

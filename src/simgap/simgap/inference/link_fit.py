@@ -83,18 +83,36 @@ class LinkFitter:
         self._least = float(self.without.sum())
         self._unexplained = float((0.5 * self._samples * (np.log(size) + 1.0)).sum()) + best.prior
 
-    def fit(self, effect: Late, others: tuple[Effect, ...], x: Array, z: Array) -> LinkFit:
-        """Fit the link's parameter, those of ``others`` from ``x`` and all nuisances from ``z``, in rounds."""
+    def beside(self, effect: Late, others: tuple[Effect, ...], x: Array, z: Array) -> LinkFit | None:
+        """The same as `fit` beside others that have been fitted; None where their numbers, as they are, leave the link
+        so far behind that it is hopeless: then no sensitivities are computed.
+        """
+        grid = _first_grid(effect)
+        about = float(effect.parameters[0].tries[1])
+        scatter = self._scatter(effect, Hypothesis((*others, effect)), x, z, about)
+        residuals = self._fitter.replay(Hypothesis((*others, effect)), [(np.append(x, v), z) for v in grid])
+        none = np.zeros((0, *residuals.shape[1:]))
+        costs = [
+            float(scatter.likelihood(effect.law(float(v)), residual, none).costs(np.zeros(0)).sum())
+            for v, residual in zip(grid, residuals, strict=True)
+        ]
+        behind = (min(costs) + 0.5 * float(z @ z) - self._least) / float(self._samples.sum())
+        return None if behind > _HOPELESS else self.fit(effect, others, x, z, scatter)
+
+    def fit(
+        self, effect: Late, others: tuple[Effect, ...], x: Array, z: Array, begun: Scatter | None = None
+    ) -> LinkFit:
+        """Fit the link's parameter, those of ``others`` from ``x`` and all nuisances from ``z``, in rounds.
+
+        ``begun``: what the link does about these numbers, where known.
+        """
         fitter = self._fitter
         hypothesis, around = Hypothesis((*others, effect)), Hypothesis(others)
-        parameter = effect.parameters[0]
-        first = np.array([0.5 * parameter.tries[0], *parameter.tries])
-        grid = np.sort(np.concatenate([first, 0.5 * (first[1:] + first[:-1])]))[1:]
+        parameter, grid = effect.parameters[0], _first_grid(effect)
         about = float(parameter.tries[1])
-        for _ in range(_PASSES):
-            law, lag = effect.law(about), effect.lag(fitter.residuals.replayer.aligned.period)
-            model = fitter.variant(hypothesis, np.append(x, about), z)
-            scatter = Scatter(fitter, model, np.array(effect.site.targets), lag, law)
+        for pass_ in range(_PASSES):
+            known = begun if pass_ == 0 else None
+            scatter = known or self._scatter(effect, hypothesis, x, z, about)
             last = np.inf
             for round_ in range(_ROUNDS):
                 at = np.append(x, about)
@@ -122,6 +140,12 @@ class LinkFitter:
         self._least = min(self._least, last)
         fit, left = self._scored(hypothesis, effect, scatter, state, room, points)
         return LinkFit(effect, fit, left, scatter, not settled)
+
+    def _scatter(self, effect: Late, hypothesis: Hypothesis, x: Array, z: Array, about: float) -> Scatter:
+        """What the link does at a value of its parameter, beside these numbers."""
+        law, lag = effect.law(about), effect.lag(self._fitter.residuals.replayer.aligned.period)
+        model = self._fitter.variant(hypothesis, np.append(x, about), z)
+        return Scatter(self._fitter, model, np.array(effect.site.targets), lag, law)
 
     def _points(
         self, hypothesis: Hypothesis, effect: Late, scatter: Scatter, state: _State, room: Room, grid: Array
@@ -193,6 +217,13 @@ class LinkFitter:
         fit.covariance[:n, :n] = best.likelihood.covariance(best.step, room)[:n, :n] * np.outer(scale, scale)
         fit.covariance[n, n] = 0.5 / max(curve, 1e-12)
         return fit, left
+
+
+def _first_grid(effect: Late) -> Array:
+    """Values of the link's parameter that are tried first."""
+    tries = effect.parameters[0].tries
+    first = np.array([0.5 * tries[0], *tries])
+    return np.sort(np.concatenate([first, 0.5 * (first[1:] + first[:-1])]))[1:]
 
 
 def _room(others: Hypothesis, state: _State, box: float = BOX) -> Room:

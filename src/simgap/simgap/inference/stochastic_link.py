@@ -86,7 +86,9 @@ class Chance:
         if (thorough or by_chance(best.fit)) and (lead is None or selector.scores.typical(lead.fit.held) > ENOUGH):
             links = alone + [k for c in self._companions(selection, close) for k in self._beside(c)]
             lead = self._first_right(links)
-        if thorough and (lead is None or self._leaves_much(lead)):
+        # Where no link comes near what the best effects leave, it is no noise under which another effect could hide.
+        near = any(not k.given_up for k in links)
+        if thorough and near and (lead is None or self._leaves_much(lead)):
             more = self._one_more(min(alone, key=self._price), selection)
             first = self._first_right(more)
             if first and (lead is None or self._earns(lead, first)):
@@ -113,7 +115,8 @@ class Chance:
         return [c for c in found.values() if c.effects][:_COMPANIONS]
 
     def _beside(self, companions: _Companions) -> list[LinkFit]:
-        return [self._links.fit(e, companions.effects, companions.x, companions.z) for e in self._kinds]
+        found = (self._links.beside(e, companions.effects, companions.x, companions.z) for e in self._kinds)
+        return [link for link in found if link is not None]
 
     def _first_right(self, links: list[LinkFit]) -> LinkFit | None:
         return next((k for k in sorted(links, key=self._price) if self._right(k)), None)
