@@ -236,9 +236,10 @@ class Selector:
         singles = self.candidates.fitted(starts[:first], reference)
         # Fits with the nominal model's sensitivities are rough, but not by so much.
         outdone = bool(begun and singles and self._outdone(singles[0], begun, reference, _FAR_BEHIND))
+        self._found = replace(self._found, singles=singles)
         if not outdone and first < len(starts):
             singles = sorted([*singles, *self.candidates.fitted(starts[first:], reference)], key=by_score)
-        self._found = replace(self._found, singles=singles)
+            self._found = replace(self._found, singles=singles)
         singles, reference = self.candidates.finals(
             singles, reference, screened[:FAVOURITES], [begun.best.fit] if begun else [], outdone
         )
