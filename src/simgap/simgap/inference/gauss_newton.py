@@ -34,7 +34,10 @@ _ROUGH_EFFECT_STEP = 0.2
 what does the same (feet's friction as a number and as an effect) is seen to do so."""
 LOOSE = 1e-6
 """Prior weight of an effect's parameter, in its scale: none to speak of."""
-_TRIALS = (1.0, 0.4, 0.12)
+_TRIALS = ((0.0, (1.0, 0.4, 0.12)),)
+"""How a step is damped, and the shares of it that are tried."""
+_DAMPED = (0.0, (1.0,)), (0.03, (1.0,)), (0.3, (1.0,)), (3.0, (1.0, 0.3))
+"""The same where sensitivities are dear: a step that is damped may lead on where a shorter one does not."""
 _ENDED = 0.2
 """[nats] A fit ends when a step gains less."""
 _REUSED = 4
@@ -135,8 +138,11 @@ class GaussNewton:
         select: Ints | None = None,
         nuisance: Array | None = None,
         box: float = BOX,
+        damping: float = 0.0,
     ) -> tuple[Array, Array, Array]:
         """One bounded Gauss-Newton step (dx scaled, dz) about a residual; also the normal matrix.
+
+        With ``damping`` Levenberg and Marquardt's: shorter, and nearer to where the cost falls at first.
 
         ``low`` and ``high`` bound the scaled step of the effects; z stays in its box. ``nuisance`` are the
         sensitivities in the selected windows, the fitter's own where not given.
@@ -150,6 +156,7 @@ class GaussNewton:
         target = (residual * root).reshape(-1)
         prior = np.diag(np.concatenate([np.full(ne, LOOSE), np.ones(nn)]))
         normal = stacked @ stacked.T + prior
+        normal += damping * np.diag(np.diag(normal))
         slope = stacked @ target + np.concatenate([np.zeros(ne), z])
         if ne + nn == 0:
             return np.zeros(0), np.zeros(0), normal
@@ -234,20 +241,25 @@ class GaussNewton:
         if select is not None:
             self.jacobian = self.jacobian[:, select]
         for _ in range(iterations):
-            if not learning and (stale or (len(x) < _REUSED and not fresh)):
+            if stale or (len(x) < _REUSED and not fresh and not learning):
                 jacobian, fresh, stale = self.sensitivities(hypothesis, x, z, residual, select), True, False
             u = hypothesis.scaled(x)
             reach = 3.0 + np.abs(u - neutral)
             bounds = np.maximum(low - u, -reach), np.minimum(high - u, reach)
-            dx, dz, _ = self.solve(residual, jacobian, z, *bounds, select, self.jacobian, box)
-            for t in _TRIALS:
-                point = hypothesis.values(u + t * dx), np.clip(z + t * dz, -box, box)
+            tries = (
+                (share * dx, share * dz)
+                for damping, shares in (_DAMPED if learning else _TRIALS)
+                for dx, dz, _ in [self.solve(residual, jacobian, z, *bounds, select, self.jacobian, box, damping)]
+                for share in shares
+            )
+            for dx, dz in tries:
+                point = hypothesis.values(u + dx), np.clip(z + dz, -box, box)
                 tried = self.replay(hypothesis, [point], select)[0]
                 new_cost = self.cost(tried, point[1], select)
                 if new_cost < cost:
                     break
             else:
-                if fresh or learning:
+                if fresh:
                     break
                 stale = True
                 continue
@@ -261,7 +273,7 @@ class GaussNewton:
                 self.jacobian = self.jacobian + update
                 jacobian = jacobian + (moved_x / length)[:, None, None, None] * missed
             (x, z), residual, cost = point, tried, new_cost
-            if gain < _ENDED and (fresh or len(x) < _REUSED or learning):
+            if gain < _ENDED and (fresh or len(x) < _REUSED):
                 fresh = False
                 break
             fresh, stale = False, gain < max(0.5 * hoped, _ENDED)

@@ -42,7 +42,7 @@ _LOOKED_AT = 8
 """Windows in which it is asked what becomes of an error of the start."""
 _KEPT = 1.0
 """Share of an error of the start that may be left at the end of a long window: friction holds it, chaos enlarges it."""
-_ROUNDS, _STEPS = 4, 10
+_ROUNDS, _STEPS = 3, 6
 """Of sensitivities taken anew, at most, and of steps by them."""
 _SETTLED = 0.5
 """A round that gains less [nats], or less than the share LITTLE of what all have gained, is the last by its
@@ -114,8 +114,7 @@ def refit(fitter: Fitter, fit: Fit, say: Callable[[float], None] = lambda share:
         if taught is not None:
             own.jacobian = (taught * share[:, None, None, None]).astype(np.float32)
         try:
-            say(k / len(WIDER))
-            found = settled(own, fit.hypothesis, x, np.clip(z / share, -BOX, BOX), slope)
+            found = settled(own, fit.hypothesis, x, np.clip(z / share, -BOX, BOX), slope, _part(say, k))
         except OutOfTimeError:
             if best is None:
                 raise
@@ -189,16 +188,31 @@ def _held_cost(fitter: Fitter, fit: Fit) -> float:
     return float(np.nansum(fitter.likelihood.held_out(held, fold, squares))) + fit.prior
 
 
-def settled(fitter: Fitter, hypothesis: Hypothesis, x: Array, z: Array, slope: Array | None) -> Fit:
+def _part(say: Callable[[float], None], k: int) -> Callable[[float], None]:
+    """Tells how far all priors are by how far number ``k`` is."""
+    return lambda share: say((k + share) / len(WIDER))
+
+
+def settled(
+    fitter: Fitter,
+    hypothesis: Hypothesis,
+    x: Array,
+    z: Array,
+    slope: Array | None,
+    say: Callable[[float], None] = lambda share: None,
+) -> Fit:
     """Fit from these numbers until it settles, and cross-validate.
 
     Sensitivities are taken anew only where those that are there, and what steps taught about them, lead no further:
-    each number asks for a replay. ``slope``: those to the effects' parameters, None where none are there.
+    each number asks for a replay. ``slope``: those to the effects' parameters, None where none are there. ``say`` is
+    told how far it is.
     """
+    say(0.0)
     residual = fitter.replay(hypothesis, [(x, z)])[0]
     first = fitter.cost(residual, z)
     found = None if slope is None else fitter.descend(hypothesis, x, z, _STEPS, residual, slope)
-    for _ in range(_ROUNDS):
+    for round_ in range(_ROUNDS):
+        say(round_ / _ROUNDS)
         if found:
             x, z, residual = found.x, found.z, found.residual
         before = found.cost if found else first
