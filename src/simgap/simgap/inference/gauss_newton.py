@@ -215,7 +215,8 @@ class GaussNewton:
     def descend(self, hypothesis: Hypothesis, x: Array, z: Array, iterations: int, known: Array, slope: Array) -> Fit:
         """The same on all windows with the sensitivities that are there, ``slope`` those to the effects' parameters.
 
-        What steps teach about either stays, in the fitter and in the fit. Ends where they lead no further.
+        What steps teach about either stays, in the fitter and in the fit. Where a step gains less than was foreseen,
+        those to the effects are computed anew, those to the nuisances never. Ends where they lead no further.
         """
         return self._descended(hypothesis, x, z, iterations, known, None, BOX, slope, learning=True)
 
