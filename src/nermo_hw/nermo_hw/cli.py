@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import time
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -172,7 +173,9 @@ def monitor(
     port: Port,
     robot: Robot = "nermo_lite",
     calibration: Annotated[Path | None, typer.Option(help="Calibration file.")] = None,
-    once: Annotated[bool, typer.Option("--once", help="Show one sample and end.")] = False,
+    once: Annotated[
+        bool, typer.Option("--once", help="Show one sample and end; a complete one, if there is one in 1 s.")
+    ] = False,
     json: Json = None,
 ) -> None:
     """Show what the robot's sensors say, live, until Ctrl-C. The servos are limp; `serial_driver` must not run.
@@ -186,6 +189,7 @@ def monitor(
 
     from nermo_description.parameter_files import ParameterError
     from nermo_hw.monitor import monitor_view, sample_facts
+    from nermo_hw.serial.calibrate import PATIENCE
     from nermo_hw.serial.calibration import load_calibration
     from nermo_hw.serial.driver import Driver
     from nermo_hw.serial.schedule import FixedStepSchedule
@@ -203,8 +207,8 @@ def monitor(
             Driver(parameters, port, calibration=mounted) as driver,
             Live(console=console, refresh_per_second=10, transient=False) as live,
         ):
-            schedule = FixedStepSchedule(0.1)
-            while not (facts and once):
+            schedule, patience = FixedStepSchedule(0.1), time.monotonic() + PATIENCE
+            while not (once and facts and (not facts["missing_boards"] or time.monotonic() > patience)):
                 schedule.wait()
                 with contextlib.suppress(SilentLineError):
                     facts = sample_facts(driver.names, driver.exchange(limp), driver.counters)

@@ -97,6 +97,22 @@ def test_a_sensor_without_a_reading_is_not_calibrated(emulate):
             Calibrator(driver, print, still_for=0.2).zeros(ROBOT.posture("sit"), dict.fromkeys(ROBOT.servos, 1))
 
 
+def test_lost_answers_do_not_end_a_calibration_and_a_board_that_is_gone_does(emulate, tmp_path):
+    device, signs = emulate("--bus", "servo_boards"), dict.fromkeys(ROBOT.servos, 1)
+    with Driver(ROBOT, str(device.link), reply_timeout=0.05) as driver:
+        calibrator = Calibrator(driver, print, still_for=0.5)
+        device.control.do("line_fault", name="drop", value=0.03)
+        assert calibrator.zeros(ROBOT.posture("stand"), signs)["tail"] == pytest.approx(0.0, abs=1e-3)
+        until(lambda: calibrator.zeros(ROBOT.posture("stand"), signs) and driver.counters.lost, "an answer is lost")
+        device.control.do("line_fault", name="drop", value=0.0)
+        device.control.do("silent_boards", names=["servo board 2"])
+        with pytest.raises(CalibrationError, match="^servo board 2 does not answer"):
+            calibrator.zeros(ROBOT.posture("stand"), signs)
+    seen = tmp_path / "now.json"
+    assert run("monitor", "--port", str(device.link), "--once", "--json", str(seen)) == 0
+    assert json.loads(seen.read_text())["missing_boards"] == ["servo board 2"]
+
+
 def test_scan_monitor_and_calibrate_from_the_command_line(emulate, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(monitor, "serial_ports", lambda: [str(tmp_path / "empty_port")])
     device = emulate("--bus", "servo_boards")

@@ -26,6 +26,8 @@ STILL_WITHIN = 0.01
 """And by no more than this [rad]."""
 MOVED_BY = 0.2
 """Movement that tells a direction [rad]."""
+PATIENCE = 1.0
+"""A board that has not answered, or a sensor that has not measured, for so long is named [s]: an answer may be late."""
 
 POSITIVE = {
     "hip": "swing the foot back",
@@ -111,22 +113,19 @@ class Calibrator:
 
     def _samples(self, what: str) -> Iterator[SensorSample]:
         """Complete samples of the limp robot, until the time is over."""
-        deadline = time.monotonic() + self._timeout
+        complete = time.monotonic()
+        deadline = complete + self._timeout
         while time.monotonic() < deadline:
             try:
                 sample = self._driver.exchange(self._limp)
             except SilentLineError:
                 continue
-            if sample.missing:
-                raise CalibrationError(f"{', '.join(sample.missing)} does not answer")
-            if sample.blind:
-                raise CalibrationError(
-                    "this board reads no angles, so there is nothing to find them by: write the calibration file by "
-                    "hand, as firmware/README.md shows"
-                )
-            if unread := _unread(sample, self._driver.names):
-                raise CalibrationError(f"{', '.join(unread)} has no reading")
-            yield sample
+            if lacks := _lacks(sample, self._driver.names):
+                if time.monotonic() - complete >= PATIENCE:
+                    raise CalibrationError(lacks)
+            else:
+                yield sample
+                complete = time.monotonic()
             time.sleep(PERIOD)
         raise CalibrationError(f"waited {self._timeout:g} s in vain for {what}")
 
@@ -169,6 +168,22 @@ def knee_stops(robot: RobotParameters) -> dict[str, float]:
     """Knee angle at the form stop of each leg [rad]: the straightest."""
     front, rear = robot.front_leg_dynamics.knee.lower, robot.rear_leg_dynamics.knee.lower
     return {leg: front if leg.startswith("front") else rear for leg in LEGS}
+
+
+def _lacks(sample: SensorSample, servos: Sequence[str]) -> str:
+    """What a sample has not, in a sentence; empty where it is complete.
+
+    Raises CalibrationError where the board never measures an angle.
+    """
+    if sample.missing:
+        return f"{', '.join(sample.missing)} does not answer"
+    if sample.blind:
+        raise CalibrationError(
+            "this board reads no angles, so there is nothing to find them by: write the calibration file by hand, as "
+            "firmware/README.md shows"
+        )
+    unread = _unread(sample, servos)
+    return f"{', '.join(unread)} has no reading" if unread else ""
 
 
 def _unread(sample: SensorSample, servos: Sequence[str]) -> list[str]:
