@@ -229,6 +229,21 @@ def test_cases_depend_on_seed_and_number_and_come_in_their_shares() -> None:
     assert {c.robot for c in one} == set(SMALL)
 
 
+def test_cases_may_be_of_chosen_effects_alone(tmp_path: Path) -> None:
+    chosen = ("soft_mount", "tendon_slack")
+    cases = draw(18, 5, ("pendulum", "finger", "quad"), only=chosen)
+    assert {c.kind for c in cases} == {"single"}
+    levels = [(f.name, f.kind, f.level) for c in cases for f in c.faults]
+    assert {name for name, _, _ in levels} == set(chosen)
+    # Those of one level and kind of site come as often as the others, within one.
+    counts = [levels.count(level) for level in set(levels)]
+    assert max(counts) - min(counts) <= 1
+    with pytest.raises(BlindError, match=r"fault 'soft_table' is unknown: choose of .*soft_mount"):
+        make(tmp_path / "check", tmp_path / "answers", 1, 5, ("pendulum",), 6.0, only=("soft_table",))
+    with pytest.raises(BlindError, match=r"fault 'tendon_slack': none of pendulum, camera can have it"):
+        make(tmp_path / "check", tmp_path / "answers", 1, 5, ("pendulum", "camera"), 6.0, only=("tendon_slack",))
+
+
 def test_the_same_case_gives_the_same_bytes() -> None:
     one, two = (simulate(Case("000", "pendulum", "none", (1, 2), 6.0, [])) for _ in range(2))
     assert all(np.array_equal(one.columns[c], two.columns[c]) for c in one.columns)

@@ -118,16 +118,21 @@ def robot_of(name: str) -> Robot:
     raise ValueError(f"robot {name!r} is unknown: choose of {', '.join((*SMALL, *sorted(others)))}")
 
 
-def draw(count: int, seed: int, robots: Sequence[str] = SMALL, seconds: float = 15.0) -> list[Case]:
+def draw(
+    count: int, seed: int, robots: Sequence[str] = SMALL, seconds: float = 15.0, only: Sequence[str] = ()
+) -> list[Case]:
     """``count`` cases in random order, in the shares of KINDS; every effect at every level before one comes twice.
 
-    The same count, seed and robots give the same cases.
+    The same count, seed and robots give the same cases. ``only``: names of effects, of which each case has one.
+
+    Raises ValueError for names that no fault has, and for faults that none of the robots can have.
     """
     rng = np.random.default_rng([seed, 7919])
-    numbers = shares_of(count)
     places = {name: all_sites(name) for name in robots}
+    known = _called(only, places) if only else FAULTS
+    numbers = {"single": count} if only else shares_of(count)
     shares = {name: robot_of(name).share for name in robots}
-    single = _deck(FAULTS, rng, places)
+    single = _deck(known, rng, places)
     unknown = _deck(UNKNOWN, rng, places)
     kinds = [kind for kind, n in numbers.items() for _ in range(n)]
     order = rng.permutation(len(kinds))
@@ -143,7 +148,7 @@ def draw(count: int, seed: int, robots: Sequence[str] = SMALL, seconds: float = 
             drawn = [unknown.pop(0)]
         elif kind == "pair":
             drawn = [(_pick(own, FAULTS, places), int(own.integers(1, 3)))]
-        single, unknown = single or _deck(FAULTS, rng, places), unknown or _deck(UNKNOWN, rng, places)
+        single, unknown = single or _deck(known, rng, places), unknown or _deck(UNKNOWN, rng, places)
         able = [r for r in robots if not drawn or places[r][drawn[0][0].kind]]
         weights = np.array([shares[r] / (1.0 + used[r]) ** 2 for r in able])
         robot = able[int(own.choice(len(able), p=weights / weights.sum()))]
@@ -168,6 +173,17 @@ def all_sites(robot: str) -> dict[str, list[Site]]:
     """Where each kind of fault can sit in a robot, by name."""
     chosen = robot_of(robot)
     return sites(chosen.spec().compile(), chosen.mapping)
+
+
+def _called(names: Sequence[str], places: dict[str, dict[str, list[Site]]]) -> list[Fault]:
+    """The faults of these names that some robot can have."""
+    for name in names:
+        of_it = [f for f in FAULTS if f.name == name]
+        if not of_it:
+            raise ValueError(f"fault {name!r} is unknown: choose of {', '.join(sorted({f.name for f in FAULTS}))}")
+        if not any(p[f.kind] for f in of_it for p in places.values()):
+            raise ValueError(f"fault {name!r}: none of {', '.join(places)} can have it")
+    return [f for f in FAULTS if f.name in names]
 
 
 def _deck(

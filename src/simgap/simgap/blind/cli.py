@@ -63,20 +63,25 @@ def make_command(
     seconds: Annotated[float, typer.Option(help="Length of each recording, in seconds.")] = 15.0,
     workers: Annotated[int, typer.Option(help="Processes.")] = max((os.cpu_count() or 1) - 1, 1),
     salt: Annotated[str | None, typer.Option(help="Sealed with each answer; random by default.")] = None,
+    faults: Annotated[
+        str | None, typer.Option(help="Comma-separated names of effects, of which each case then has one.")
+    ] = None,
 ) -> None:
     """Make recordings of robots with hidden faults, and seal the answers elsewhere.
 
     \b
-    Example:
+    Examples:
       simgap blind make --out check --cases 200 --seed 2026 --answers sealed/check
+      simgap blind make --out mounts --cases 20 --seed 7 --faults soft_mount,joint_elasticity
     """
     from simgap.blind.cases import SMALL
     from simgap.blind.make import make
 
     place = answers or out.with_name(out.name + "-answers")
     names = SMALL if robots is None else tuple(r for r in robots.split(",") if r)
+    only = tuple(f for f in (faults or "").split(",") if f)
     with refusals():
-        made = make(out, place, cases, seed, names, seconds, workers, salt, lambda i, n: say(f"made {i} of {n}"))
+        made = make(out, place, cases, seed, names, seconds, workers, salt, lambda i, n: say(f"made {i} of {n}"), only)
     typer.echo(f"{len(made['cases'])} cases in {out}, seed {seed}; answers sealed in {place}")
 
 

@@ -38,8 +38,11 @@ def make(
     workers: int = 1,
     salt: str | None = None,
     progress: Progress | None = None,
+    only: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Write ``folder``/data/ID/{recording.npz, map.yaml, model.xml} and ``answers``/ID.json; returns the manifest.
+
+    ``only``: names of effects, of which each case has one; else kinds and effects are mixed (see `cases.draw`).
 
     The manifest, which is published, holds a SHA-256 of every answer (salted by a random number inside it), so that no
     answer can be changed later; it holds neither seed nor kinds. The same seed gives the same recordings. What was made
@@ -53,10 +56,11 @@ def make(
     if not 6.0 <= seconds <= 120.0:
         raise BlindError(f"seconds = {seconds:g}: must lie between 6 and 120")
     try:
-        cases = draw(count, seed, robots, seconds)
+        cases = draw(count, seed, robots, seconds, only)
     except ValueError as error:
         raise BlindError(str(error)) from error
-    _begin(answers, {"seed": seed, "cases": count, "robots": list(robots), "seconds": seconds})
+    asked = {"seed": seed, "cases": count, "robots": list(robots), "seconds": seconds}
+    _begin(answers, asked | ({"faults": list(only)} if only else {}))
     entries = {case.id: entry for case in cases if (entry := _made_before(case, folder, answers)) is not None}
     left = [case for case in cases if case.id not in entries]
     for case in _simulated(left, workers, robots):
