@@ -139,7 +139,7 @@ def test_what_bent_nominal_numbers_hide_is_found_beside_untouched_ones(
     before = selector.fitter.jacobian
     fits = {
         frozenset(e.key for e in s.fit.hypothesis.effects): s.fit
-        for s in selector.candidates.beside_untouched(bent, right.singles)
+        for s in selector.partners.beside_untouched(bent, right.singles)
     }
     both = fits[frozenset({"coulomb_friction@hinge", "viscous_friction@hinge"})]
     assert both.cost < right.best.fit.cost + 3.0
@@ -228,13 +228,13 @@ def test_friction_of_a_cable_and_of_its_joint_are_not_both_named() -> None:
     only = ("tendon_friction", "coulomb_friction", "joint_damping")
     table = simulate("finger", 8.0, change=_rub)
     found = diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=only, threads=1))
-    candidates, fitter = found.selector.candidates, found.selector.fitter
+    partners, fitter = found.selector.partners, found.selector.fitter
     kinds = {e.key: e for e in found.selector.effects}
 
     def says_again(*names: str) -> bool:
         hypothesis = Hypothesis(tuple(kinds[n] for n in names))
         x = np.array([p.tries[0] for e in hypothesis.effects for p in e.parameters])
-        return candidates._says_again(fitter.fit(hypothesis, x, np.zeros(len(fitter.nuisances)), 1))
+        return partners._says_again(fitter.fit(hypothesis, x, np.zeros(len(fitter.nuisances)), 1))
 
     assert says_again("tendon_friction@cable", "coulomb_friction@knuckle")
     assert not says_again("tendon_friction@cable", "joint_damping@knuckle")

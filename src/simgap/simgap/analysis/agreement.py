@@ -52,7 +52,9 @@ def parts(fitter: Fitter, fit: Fit) -> list[Part]:
     bounds = np.maximum(low - u, -_REACH), np.minimum(high - u, _REACH)
     ne = len(fit.x)
     for name, select in _divided(fitter).items():
-        step, _, normal = fitter.solve(fit.residual[select], fit.effect_jacobian[:, select], fit.z, *bounds, select)
+        step, _, normal = fitter.solve(
+            fit.residual[select], fit.effect_jacobian[:, select], fit.z, *bounds, select, tied=(u, hypothesis.pull())
+        )
         own = np.sqrt(np.maximum(np.diag(np.linalg.inv(normal))[:ne], 0.0)) * np.abs(slope)
         law = LAW * np.minimum(np.abs(fit.x - hypothesis.vector("neutral")), np.abs(fit.x))
         found.append(Part(name, hypothesis.values(u + step), np.hypot(own, law)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar, NamedTuple
@@ -155,6 +156,9 @@ class Effect(ABC):
     one_sided: ClassVar[bool] = False
     """Whether what a change in one direction shows says nothing of the other: a foot that does not slip does not mind
     more friction."""
+    tie: float = 0.0
+    """Standard deviation of how far the values of its parts are from what they have in common, in their units, of
+    factors in the logarithm; 0 where nothing ties them."""
     special_case: ClassVar[str] = ""
     """Name of the effect whose law this one's generalises, at the same site."""
 
@@ -218,7 +222,8 @@ class Effect(ABC):
         return moved if inside else None
 
     def __repr__(self) -> str:
-        return self.key + (f" ({self.form})" if self.form else "")
+        told = ", ".join(filter(None, [self.form, "part by part" if self.tie else ""]))
+        return self.key + (f" ({told})" if told else "")
 
 
 def named_sites(context: Context, kind: mujoco.mjtObj, indices: Iterable[int], together: bool = True) -> list[Site]:
@@ -257,10 +262,32 @@ class ByPart(Effect):
     Joints of one robot carry different torques: with one friction for all, the small joint's would be the large one's.
     """
 
+    _APART = math.log(2.0)
+    """How far values of like parts are apart: by this share of what they have in common, or this much in the logarithm
+    of a factor. Frictions of hip, thigh and calf of a quadruped differ by four."""
+
     @property
     def one_size(self) -> bool:
         """See above."""
         return True
+
+    def apart(self, others: Iterable[Effect], value: float) -> ByPart | None:
+        """The same with a value of its own for each part, tied to a common one, which is about ``value``.
+
+        ``others``: effects that may act at the parts alone, whose values have their bounds. None where parts have
+        values of their own already, or cannot have them.
+        """
+        first, targets = self.parameters[0], self.site.targets
+        same = [o for o in others if o.name == self.name and len(o.parameters) == 1]
+        alone = {o.site.targets: o for o in same if o.parameters[0].name == first.name}
+        tie = self._APART * (1.0 if first.log else abs(first.away(value)))
+        if len(self.parameters) > 1 or len(targets) < 2 or tie == 0.0 or not all((t,) in alone for t in targets):
+            return None
+        found = copy(self)
+        parts = [alone[(target,)] for target in targets]
+        found.parameters = tuple(replace(p.parameters[0], name=f"{first.name}_{p.site.name}") for p in parts)
+        found.tie = tie
+        return found
 
     def starts(self) -> list[tuple[float, ...]]:
         """All parts weak, all medium, all strong."""

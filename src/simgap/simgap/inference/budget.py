@@ -18,6 +18,7 @@ _STAGES = {
     "fit": "effects were screened, not all of the promising ones were fitted",
     "finals": "leading effects were fitted roughly, not to the end",
     "chance": "links that are late or lose by chance were not looked at to the end",
+    "parts": "whether parts of what was found have values of their own was not looked at",
     "growth": "whether what was found grows over the recording was not looked at",
     "next experiment": "no next experiment was looked for to the end",
     "long windows": "numbers were not fitted again in long windows",

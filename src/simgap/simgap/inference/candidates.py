@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import combinations, pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.effects.base import Effect
-from simgap.inference.effort import PARTNERS, Effort, Progress
+from simgap.inference.effort import Effort, Progress
 from simgap.inference.fit import Fitter
 from simgap.inference.forms import Forms
 from simgap.inference.hypothesis import Fit, Hypothesis
@@ -37,13 +37,9 @@ FAVOURITES = 2
 SHAKEN = (0.75, 0.88, 0.95, 1.05, 1.14, 1.3)
 """So many times as large an effect is tried once more where much is left: laws that switch (a play, a dead band) have
 optima beside the one that a fit ends in."""
-_SHAKEN_STARTS, _SHAKEN_MOST = 3, 12
+_SHAKEN_STARTS, SHAKEN_MOST = 3, 12
 """Of these values so many are fitted; and of hypotheses with more parameters none are tried: 24 of an arm's six joints
 ask for 290 replays, and each fit for a hundred."""
-_ANOTHER_NAME = 0.995
-"""Two effects whose sensitivities have this cosine are one change under two names."""
-_UNTOUCHED = 1
-"""Effects that are also tried beside untouched nominal numbers, where those are bent far."""
 MANY_PARAMETERS = 6
 """Hypotheses with more are fitted in some windows first, and in all only where that promises something."""
 ITERATIONS = 15
@@ -233,89 +229,6 @@ class Candidates:
         """How far [nats] behind the best of a round a candidate may be and still be refitted."""
         return max(HOPELESS, FAR * (without.score - best.score))
 
-    def one_more(
-        self,
-        base: Scored,
-        propose: Callable[[Fit], list[Start]],
-        singles: Sequence[Scored],
-        screened: Sequence[Screened],
-    ) -> list[Scored]:
-        """``base`` with each of the effects that promise most beside it, or with older ones swapped; best first.
-
-        ``propose`` says which those are, ``singles`` were fitted alone, ``screened`` about the nominal model.
-        """
-        fitter = self.fitter
-        fitter.refresh(base.fit.hypothesis, base.fit.x, base.fit.z, base.fit.residual)
-        partners = propose(base.fit)
-        pairs = self.fitted(partners, base)
-        if base.fit.strained:
-            again = sorted([*pairs, *self.beside_untouched(base.fit, singles)], key=by_score, reverse=True)
-            pairs = sorted({p.key: p for p in again}.values(), key=by_score)
-        if not pairs:
-            return []
-        pairs = self._swapped(pairs, screened)
-        margin = self.hopeless(base, pairs[0])
-        hopeful = [p for p in pairs[:2] if p.score < pairs[0].score + margin]
-        # Fits start where the older effect's nominal numbers are, and may stop short; not where partners were compared.
-        favourites = partners[: 0 if self.effort.twice else FAVOURITES]
-        promising = {base.fit.hypothesis.with_effect(effect).key for effect, _, _ in favourites}
-        hopeful += [p for p in pairs if p.key in promising and p not in hopeful]
-        polished = [self.scores.scored(fitter.polish(p.fit)) for p in hopeful]
-        polished += [self.scores.scored(fitter.polish(f.fit)) for f in self.forms.of(min(polished, key=by_score).fit)]
-        keys = {p.key for p in polished}
-        found = [*polished, *(p for p in pairs if p.key not in keys)]
-        return sorted((p for p in found if not self._says_again(p.fit)), key=by_score)
-
-    def _says_again(self, fit: Fit) -> bool:
-        """Whether the last effect of a fit changes just what an earlier one does: friction of a cable and of its joint.
-
-        Two of these fit a little better than one only because two constraints are stiffer.
-        """
-        last = len(fit.hypothesis.effects[-1].parameters)
-        root = np.sqrt(self.fitter.weights(self.fitter.mean_square(fit.residual)))[:, None, :]
-        rows = (self.fitter.complete(fit).effect_jacobian * root).reshape(len(fit.x), -1)
-        rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
-        return bool((np.abs(rows[:-last] @ rows[-last:].T) > _ANOTHER_NAME).any())
-
-    def beside_untouched(self, base: Fit, singles: Sequence[Scored]) -> list[Scored]:
-        """Fits of one effect more that begin where it was alone, and nominal numbers untouched.
-
-        Those that are bent far may have swallowed it. Sensitivities are the nominal model's: by those about the other
-        effect, a play, fits had stopped short.
-        """
-        fitter, z = self.fitter, np.zeros_like(base.z)
-        found = []
-        present = {e.key for e in base.hypothesis.effects}
-        alone = [s.fit for s in singles if s.fit.hypothesis.effects[0].key not in present]
-        with fitter.sensitivities_kept():
-            fitter.jacobian = fitter.nominal_jacobian
-            for i, single in enumerate(alone[:_UNTOUCHED]):
-                self.say("fit beside untouched", i / _UNTOUCHED)
-                hypothesis = base.hypothesis.with_effect(single.hypothesis.effects[0])
-                fit = fitter.fit(hypothesis, np.concatenate([base.x, single.x]), z)
-                found.append(self.scores.scored(fitter.cross_validate(fit)))
-        return found
-
-    def _swapped(self, pairs: list[Scored], screened: Sequence[Screened]) -> list[Scored]:
-        """Replace each older effect of the best pair by the candidates that screened best."""
-        lead = pairs[0].fit
-        present = {e.key for e in lead.hypothesis.effects}
-        spare = [s for s in screened[:PARTNERS] if s.effect.key not in present][: self.effort.swapped]
-        if lead.hypothesis.size > MANY_PARAMETERS:
-            spare = []  # what was begun together has been looked at together
-        extra = []
-        for position in range(len(lead.hypothesis.effects) - 1):
-            sizes = [len(e.parameters) for e in lead.hypothesis.effects]
-            parts = np.split(lead.x, np.cumsum(sizes)[:-1])
-            for s in spare:
-                effects, values = list(lead.hypothesis.effects), list(parts)
-                effects[position], values[position] = s.effect, s.x
-                fit = self.fitter.fit(Hypothesis(tuple(effects)), np.concatenate(values), lead.z)
-                far = fit.cost > lead.cost + HOPELESS  # in sample, which flatters
-                self.fitter.score_in_sample(fit) if far else self.fitter.cross_validate(fit)
-                extra.append(self.scores.scored(fit))
-        return sorted([*pairs, *extra], key=by_score)
-
     def to_the_end(self, scored: Scored) -> Scored:
         """A winner fitted to the end."""
         better = self.scores.scored(self.fitter.polish(scored.fit, rounds=self.effort.rounds))
@@ -365,7 +278,7 @@ class Candidates:
     def restarted(self, scored: Scored) -> Scored:
         """A winner, begun anew from values about its own, one at a time, nominal numbers as they are or untouched."""
         fitter, fit = self.fitter, scored.fit
-        if fit.hypothesis.size > _SHAKEN_MOST:
+        if fit.hypothesis.size > SHAKEN_MOST:
             return scored
         u, neutral = fit.hypothesis.scaled(fit.x), fit.hypothesis.scaled(fit.hypothesis.vector("neutral"))
         points = []

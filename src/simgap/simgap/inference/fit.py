@@ -218,12 +218,13 @@ class Fitter(GaussNewton):
         u = hypothesis.scaled(fit.x)
         low, high = (hypothesis.scaled(hypothesis.vector(end)) for end in ("low", "high"))
         bounds = np.maximum(low - u, -2.0), np.minimum(high - u, 2.0)
+        tied = u, hypothesis.pull()
         # What is left of the common fit's own step is not the fold's doing.
-        rest_x, rest_z, _ = self.solve(fit.residual, fit.effect_jacobian, fit.z, *bounds)
+        rest_x, rest_z, _ = self.solve(fit.residual, fit.effect_jacobian, fit.z, *bounds, tied=tied)
         trials: list[list[tuple[Array, Array]]] = []
         for f in range(self.windows.folds):
             train = np.flatnonzero(fold != f)
-            dx, dz, _ = self.solve(fit.residual[train], fit.effect_jacobian[:, train], fit.z, *bounds, train)
+            dx, dz, _ = self.solve(fit.residual[train], fit.effect_jacobian[:, train], fit.z, *bounds, train, tied=tied)
             dx, dz = dx - rest_x, dz - rest_z
             trials.append([(hypothesis.values(u + t * dx), np.clip(fit.z + t * dz, -BOX, BOX)) for t in _FOLD_TRIALS])
         squares = self.mean_square(self.replay(hypothesis, [p for t in trials for p in t]))
@@ -235,8 +236,8 @@ class Fitter(GaussNewton):
             own = [*squares[f * len(_FOLD_TRIALS) : (f + 1) * len(_FOLD_TRIALS)], common]
             tried = [*options, (fit.x, fit.z)]
             costs = [
-                float(self.data_cost(square[train], train)) + 0.5 * float(z @ z)
-                for square, (_, z) in zip(own, tried, strict=True)
+                float(self.data_cost(square[train], train)) + 0.5 * float(z @ z) + hypothesis.tied(x)
+                for square, (x, z) in zip(own, tried, strict=True)
             ]
             best = int(np.argmin(costs))
             fit.held[test] = own[best][test]
@@ -278,8 +279,14 @@ class Fitter(GaussNewton):
         share = weights * square * self.count / np.maximum(self.likelihood.independent, 1e-300)
         share = np.broadcast_to(share[:, None, :], shape).reshape(-1)
         stacked = stack(fit.effect_jacobian, self.jacobian) * np.sqrt(weight)
-        bread = np.linalg.inv(stacked @ stacked.T + np.diag(np.r_[np.full(ne, LOOSE), np.ones(nn)]))
-        slope = (stacked * share) @ stacked.T + np.diag(np.r_[np.zeros(ne), np.full(nn, _BOXED)])
+        prior, drawn = (
+            np.diag(np.r_[np.full(ne, LOOSE), np.ones(nn)]),
+            np.diag(np.r_[np.zeros(ne), np.full(nn, _BOXED)]),
+        )
+        for matrix in (prior, drawn):
+            matrix[:ne, :ne] += fit.hypothesis.pull()
+        bread = np.linalg.inv(stacked @ stacked.T + prior)
+        slope = (stacked * share) @ stacked.T + drawn
         if thorough and self.left_out:
             others = self._left_out_jacobian(fit).reshape(len(self.left_out), -1) * np.sqrt(weight)
             pull = stacked @ others.T

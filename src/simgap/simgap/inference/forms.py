@@ -21,14 +21,17 @@ class Forms:
     def __init__(self, fitter: Fitter, effects: Sequence[Effect], scores: Scores, effort: Effort) -> None:
         self._fitter, self._effects, self._scores, self._effort = fitter, list(effects), scores, effort
 
-    def best(self, fit: Fit) -> Fit:
+    def best(self, fit: Fit, which: Sequence[int] | None = None) -> Fit:
         """The same, or one of its effects in another form with as many parameters, where that says more in sample.
+
+        ``which``: numbers of the effects that are looked at; None for all.
 
         Friction that holds, above all: of a real arm it is worth more than what is added later. In sample none of two
         such forms flatters; held out, folds are predicted by slopes, by which what sticks is not.
         """
         own = fit.hypothesis
-        others = [h for i in range(len(own.effects)) for h in self._in_other_forms(own, i) if h.size == own.size]
+        looked = range(len(own.effects)) if which is None else which
+        others = [h for i in looked for h in self._in_other_forms(own, i) if h.size == own.size]
         fits = [self._fitter.fit(hypothesis, fit.x, fit.z, roughly=True) for hypothesis in others]
         return min([fit, *fits], key=lambda fit: fit.cost)
 

@@ -139,13 +139,15 @@ class GaussNewton:
         nuisance: Array | None = None,
         box: float = BOX,
         damping: float = 0.0,
+        tied: tuple[Array, Array] | None = None,
     ) -> tuple[Array, Array, Array]:
         """One bounded Gauss-Newton step (dx scaled, dz) about a residual; also the normal matrix.
 
         With ``damping`` Levenberg and Marquardt's: shorter, and nearer to where the cost falls at first.
 
         ``low`` and ``high`` bound the scaled step of the effects; z stays in its box. ``nuisance`` are the
-        sensitivities in the selected windows, the fitter's own where not given.
+        sensitivities in the selected windows, the fitter's own where not given. ``tied``: scaled values of the effects
+        and the normal matrix of their own prior.
         """
         if nuisance is None:
             nuisance = self.jacobian if select is None else self.jacobian[:, select]
@@ -156,8 +158,11 @@ class GaussNewton:
         target = (residual * root).reshape(-1)
         prior = np.diag(np.concatenate([np.full(ne, LOOSE), np.ones(nn)]))
         normal = stacked @ stacked.T + prior
-        normal += damping * np.diag(np.diag(normal))
         slope = stacked @ target + np.concatenate([np.zeros(ne), z])
+        if tied is not None:
+            normal[:ne, :ne] += tied[1]
+            slope[:ne] += tied[1] @ tied[0]
+        normal += damping * np.diag(np.diag(normal))
         if ne + nn == 0:
             return np.zeros(0), np.zeros(0), normal
         lower = np.concatenate([low, -box - z]) - 1e-9
@@ -236,7 +241,8 @@ class GaussNewton:
         neutral = hypothesis.scaled(hypothesis.vector("neutral"))
         x, z = hypothesis.values(hypothesis.scaled(x)), z.copy()
         residual = self.replay(hypothesis, [(x, z)], select)[0] if known is None else known
-        cost = self.cost(residual, z, select)
+        cost = self.cost(residual, z, select) + hypothesis.tied(x)
+        pull = hypothesis.pull()
         jacobian = np.zeros((len(x), *residual.shape)) if slope is None else slope
         fresh, stale = slope is not None, slope is None
         if select is not None:
@@ -250,13 +256,15 @@ class GaussNewton:
             tries = (
                 (share * dx, share * dz)
                 for damping, shares in (_DAMPED if learning else _TRIALS)
-                for dx, dz, _ in [self.solve(residual, jacobian, z, *bounds, select, self.jacobian, box, damping)]
+                for dx, dz, _ in [
+                    self.solve(residual, jacobian, z, *bounds, select, self.jacobian, box, damping, (u, pull))
+                ]
                 for share in shares
             )
             for dx, dz in tries:
                 point = hypothesis.values(u + dx), np.clip(z + dz, -box, box)
                 tried = self.replay(hypothesis, [point], select)[0]
-                new_cost = self.cost(tried, point[1], select)
+                new_cost = self.cost(tried, point[1], select) + hypothesis.tied(point[0])
                 if new_cost < cost:
                     break
             else:
@@ -266,7 +274,8 @@ class GaussNewton:
                 continue
             moved_x, moved_z = hypothesis.scaled(point[0]) - u, point[1] - z
             foreseen = residual + np.tensordot(moved_x, jacobian, 1) + np.tensordot(moved_z, self.jacobian, 1)
-            gain, hoped = cost - new_cost, cost - self.cost(foreseen, point[1], select)
+            hoped = cost - self.cost(foreseen, point[1], select) - hypothesis.tied(point[0])
+            gain = cost - new_cost
             missed, length = tried - foreseen, float(moved_x @ moved_x + moved_z @ moved_z)
             if length > 0:
                 # Broyden: what the step taught about the sensitivities is kept for this fit.
@@ -280,7 +289,7 @@ class GaussNewton:
             fresh, stale = False, gain < max(0.5 * hoped, _ENDED)
         if select is not None:
             residual, fresh = self.replay(hypothesis, [(x, z)])[0], False
-            cost = self.cost(residual, z)
+            cost = self.cost(residual, z) + hypothesis.tied(x)
         return Fit(hypothesis, x, z, cost, residual, jacobian if fresh or learning else jacobian[:0])
 
     def complete(self, fit: Fit) -> Fit:

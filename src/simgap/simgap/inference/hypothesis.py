@@ -83,6 +83,23 @@ class Hypothesis:
             found += 0.5 * (_STATED_TAIL + 1.0) * math.log1p(common**2 / _STATED_TAIL)
         return found
 
+    def pull(self) -> Array:
+        """Normal matrix (nx, nx), in scaled steps, of the prior that ties values of like parts to each other."""
+        found, scale, first = np.zeros((self.size, self.size)), self.vector("scale"), 0
+        for effect in self.effects:
+            own = slice(first, first := first + len(effect.parameters))
+            if effect.tie:
+                apart = (np.eye(len(scale[own])) - 1.0 / len(scale[own])) * scale[own] / effect.tie
+                found[own, own] = apart.T @ apart
+        return found
+
+    def tied(self, x: Array) -> float:
+        """Cost [nats] of how far values of like parts are from what they have in common."""
+        if not any(e.tie for e in self.effects):
+            return 0.0
+        u = self.scaled(x)
+        return 0.5 * float(u @ self.pull() @ u)
+
     def with_effect(self, effect: Effect) -> Hypothesis:
         """With one effect more."""
         return Hypothesis((*self.effects, effect))
@@ -125,8 +142,8 @@ class Fit:
 
     @property
     def prior(self) -> float:
-        """Cost of the nuisances."""
-        return 0.5 * float(self.z @ self.z)
+        """Cost of the nuisances, and of what is tied."""
+        return 0.5 * float(self.z @ self.z) + self.hypothesis.tied(self.x)
 
     @property
     def strained(self) -> list[int]:

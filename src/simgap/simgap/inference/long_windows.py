@@ -209,7 +209,7 @@ def settled(
     """
     say(0.0)
     residual = fitter.replay(hypothesis, [(x, z)])[0]
-    first = fitter.cost(residual, z)
+    first = fitter.cost(residual, z) + hypothesis.tied(x)
     found = None if slope is None else fitter.descend(hypothesis, x, z, _STEPS, residual, slope)
     for round_ in range(_ROUNDS):
         say(round_ / _ROUNDS)

@@ -32,6 +32,7 @@ from simgap.inference.model_selection import (
     stands_out,
 )
 from simgap.inference.nuisance import BOX
+from simgap.inference.partners import Partners
 from simgap.inference.proposals import Proposals
 from simgap.inference.revision import Revision
 from simgap.inference.scores import Scored, Scores
@@ -78,6 +79,7 @@ class Selector:
         self.proposals = Proposals(fitter, self.effects, self._effort, self.candidates.say)
         self._sites = places(self.effects)
         self._leaders = Leaders(self.candidates, self.scores, self._effort, self._sites)
+        self.partners = Partners(self.candidates, self.scores)
         self._revision = Revision(self.candidates, self.scores)
 
     def hidden(self, selection: Selection) -> float:
@@ -118,6 +120,7 @@ class Selector:
             if not self.budget.left_out:
                 try:
                     with self.budget.until(SEARCH):
+                        self._revision.part(found)
                         self._revision.grow(found)
                 except OutOfTimeError as spent:
                     self.budget.ended(str(spent))
@@ -370,7 +373,7 @@ class Selector:
     def add(self, result: Selection, screened: Sequence[Screened]) -> bool:
         """Add one effect more, or swap older ones; True where that was worth it."""
         base = result.best
-        pairs = self.candidates.one_more(base, self.proposals.beside, result.singles, screened)
+        pairs = self.partners.one_more(base, self.proposals.beside, result.singles, screened)
         best = simplest(self.scores, pairs, base, self._sites)
         if best is None:
             return False

@@ -17,7 +17,17 @@ _STEP = {
     "screen": "screen",
     "compare": "screen",
     **dict.fromkeys(
-        ("fit", "finals", "fit partners", "screen partners", "fit beside untouched", "drop", "growth", "chance"),
+        (
+            "fit",
+            "finals",
+            "fit partners",
+            "screen partners",
+            "fit beside untouched",
+            "drop",
+            "parts",
+            "growth",
+            "chance",
+        ),
         "leaders",
     ),
     "decision": "decision",
