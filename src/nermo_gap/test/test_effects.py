@@ -188,6 +188,15 @@ def test_what_a_diagnosis_names_is_written_down_as_it_was() -> None:
         assert set(again.sites) == set(deviation.sites)
 
 
+def test_parts_with_values_of_their_own_are_written_down_one_by_one() -> None:
+    values = 0.5, 0.7, 0.6, 0.9
+    hips = {f"factor_{leg}_hip": {"value": v, "part": f"{leg}_hip"} for leg, v in zip(LEGS, values, strict=True)}
+    applied = deviations_of({"effects": [{"name": "servo_gain", "site": "all_hips", "parameters": hips}]}, "nermo_lite")
+    assert not applied.left_out
+    expected = [Deviation.at("servo_gain", f"{leg}_hip", factor=v) for leg, v in zip(LEGS, values, strict=True)]
+    assert list(applied.deviations) == expected
+
+
 def test_what_a_robot_file_has_no_place_for_is_named_and_left_out() -> None:
     def effect(name: str, **values: float) -> dict[str, object]:
         return {"name": name, "site": f"{KNEE}_joint", "parameters": {n: {"value": v} for n, v in values.items()}}

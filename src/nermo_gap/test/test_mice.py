@@ -156,6 +156,14 @@ def test_what_to_do_tells_causes_rivals_and_commands() -> None:
     effect = what_to_do(report("effect", ("mass", "torso", {"change": 0.01})), "out", ["today"])
     assert any(line.startswith("nermo gap apply out/diagnosis.json") for line in effect["commands"])
     assert what_to_do(report("no_gap"), "out", ["today"])["checks"] == []
+    # Parts with values of their own have a line each.
+    hips = report("effect", ("servo_gain", "front", {"factor_front_left_hip": 0.5, "factor_front_right_hip": 0.8}))
+    for name, value in hips["effects"][0]["parameters"].items():
+        value["part"] = name.removeprefix("factor_")
+    rows = what_to_do(hips, "out", ["today"])["checks"]
+    assert [row["site"] for row in rows] == ["front_left_hip", "front_right_hip"]
+    assert ["50 %" in rows[0]["check"], "20 %" in rows[1]["check"]] == [True, True]
+    assert all(row["probability"] == pytest.approx(0.9) for row in rows)
 
 
 def test_a_hidden_mouse_is_recorded_and_revealed_by_commands(tmp_path: Path) -> None:

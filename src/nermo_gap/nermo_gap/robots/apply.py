@@ -14,7 +14,7 @@ from nermo_description.model import build_robot
 from nermo_description.parameter_files import read_yaml, write_yaml
 from nermo_description.parameters import Deviation
 from nermo_description.robots import load_robot, robot_names
-from nermo_gap.robots.sites import groups
+from nermo_gap.robots.sites import by_site, groups
 from simgap.data.channels import model_names
 from simgap.data.errors import GapInputError
 
@@ -37,19 +37,18 @@ def deviations_of(report: dict[str, Any], robot: str) -> Applied:
     model = build_robot(load_robot(robot)).compile()
     found: list[Deviation] = []
     left_out: list[str] = []
-    for effect in report["effects"]:
-        key = f"{effect['name']}@{effect['site']}"
+    for effect, site, found_values in ((e, *own) for e in report["effects"] for own in by_site(e)):
+        key = f"{effect['name']}@{site}"
         kind = effect_kind(str(effect["name"]))
         if kind is None:
             sensor = str(effect["name"]).startswith("sensor")
             left_out.append(f"{key} {'is a matter of calibration' if sensor else 'has no place in a robot file'}")
             continue
-        found_values = {n: float(p["value"]) for n, p in effect["parameters"].items()}
         values = {n: v for n, v in found_values.items() if n in kind.values}
         if (wrong := kind.error(values)) is not None:
             left_out.append(f"{key} has no place in a robot file: {wrong}")
             continue
-        found.append(Deviation(effect=kind.name, sites=_sites(model, kind, str(effect["site"])), values=values))
+        found.append(Deviation(effect=kind.name, sites=_sites(model, kind, site), values=values))
         if more := ", ".join(n for n in found_values if n not in values):
             left_out.append(f"{key}: {more}, for which a robot file has no place")
         if effect.get("form") in ("motor", "part"):

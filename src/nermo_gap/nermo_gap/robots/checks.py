@@ -6,6 +6,8 @@ import math
 import re
 from typing import Any
 
+from nermo_gap.robots.sites import by_site
+
 Report = dict[str, Any]
 Values = dict[str, float]
 
@@ -99,20 +101,19 @@ def what_to_do(report: Report, folder: str, recordings: list[str]) -> dict[str, 
     """
     rows = []
     for effect in report["effects"]:
-        values = {name: float(p["value"]) for name, p in effect["parameters"].items()}
-        rows.append(_row(report, str(effect["name"]), str(effect["site"]), values))
-    named = {(row["effect"], row["site"]) for row in rows}
+        key = f"{effect['name']}@{effect['site']}"
+        rows += [_row(report, str(effect["name"]), site, values, key) for site, values in by_site(effect)]
+    named = {(row["effect"], row["site"]) for row in rows} | {(e["name"], e["site"]) for e in report["effects"]}
     for group in report["equivalent"]:
         for key in group:
             name, _, site = str(key).split(" ")[0].partition("@")
             if " + " not in key and site and (name, site) not in named:
                 named.add((name, site))
-                rows.append(_row(report, name, site, None))
+                rows.append(_row(report, name, site, None, f"{name}@{site}"))
     return {"checks": rows, "commands": _commands(report, folder, recordings)}
 
 
-def _row(report: Report, name: str, site: str, values: Values | None) -> dict[str, Any]:
-    key = f"{name}@{site}"
+def _row(report: Report, name: str, site: str, values: Values | None, key: str) -> dict[str, Any]:
     sure = sum(float(p) for causes, p in report["probabilities"].items() if key in causes.split(" + "))
     return {"effect": name, "site": site, "check": check(name, site, values), "probability": sure or None}
 

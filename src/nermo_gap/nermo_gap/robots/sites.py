@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -254,3 +255,12 @@ def _zero(channel: int, sd: float) -> Apply:
         variant.outputs.bias[channel] += sd * z
 
     return apply
+
+
+def by_site(effect: dict[str, Any]) -> list[tuple[str, dict[str, float]]]:
+    """(site, {name: value}) of an effect of a report: its own, or each part's where parts have values of their own."""
+    parts: dict[str, dict[str, float]] = {}
+    for name, told in effect["parameters"].items():
+        part = str(told.get("part", ""))
+        parts.setdefault(part or str(effect["site"]), {})[name.removesuffix(f"_{part}")] = float(told["value"])
+    return list(parts.items())

@@ -340,7 +340,7 @@ def _effects(selector: Selector, selection: Selection, longer: LongWindows | Non
                 "value": value,
                 "unit": parameter.unit,
                 "ci90": [max(value - NORMAL_90 * sd, parameter.low), min(value + NORMAL_90 * sd, parameter.high)],
-            }
+            } | ({"part": parameter.part} if parameter.part else {})
             position += 1
         mean, low, high = selection.gains[min(i, len(selection.gains) - 1)]
         entry: dict[str, Any] = {

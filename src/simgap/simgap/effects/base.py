@@ -45,6 +45,7 @@ class Parameter:
         far: further values to start from, decades away: near ones show nothing where a model is that wrong.
         spread: standard deviation about neutral of what somebody has stated (a controller's own gain); of the
             logarithm of a factor. Nothing is known of others.
+        part: of an effect at several parts whose values differ, the one that it is of; the name ends with it.
     """
 
     name: str
@@ -57,11 +58,16 @@ class Parameter:
     log: bool = False
     far: tuple[float, ...] = ()
     spread: float = math.inf
+    part: str = ""
 
     @property
     def strong(self) -> float:
         """See above; in the logarithm of a factor."""
         return max(abs(self.away(t)) for t in self.tries)
+
+    def of_part(self, name: str) -> Parameter:
+        """The same, of one part."""
+        return replace(self, name=f"{self.name}_{name}", part=name)
 
     def away(self, value: float) -> float:
         """Distance of a value from neutral, with its sign; in the logarithm of a factor."""
@@ -285,7 +291,7 @@ class ByPart(Effect):
             return None
         found = copy(self)
         parts = [alone[(target,)] for target in targets]
-        found.parameters = tuple(replace(p.parameters[0], name=f"{first.name}_{p.site.name}") for p in parts)
+        found.parameters = tuple(p.parameters[0].of_part(p.site.name) for p in parts)
         found.tie = tie
         return found
 
@@ -313,7 +319,7 @@ def by_part(
     names = model_names(context.model, kind)
     made = [(names[i], make([i])) for i in site.targets]
     count = min(len(p.tries) for _, p in made)
-    return [replace(p, name=f"{p.name}_{name}", tries=p.tries[:count]) for name, p in made]
+    return [replace(p.of_part(name), tries=p.tries[:count]) for name, p in made]
 
 
 def scalar_joints(model: mujoco.MjModel) -> list[int]:

@@ -32,6 +32,8 @@ class Revision:
     def __init__(self, candidates: Candidates, scores: Scores) -> None:
         self._candidates, self._scores = candidates, scores
         self._fitter, self._effects = candidates.fitter, candidates.effects
+        self._ended: dict[str, Fit] = {}
+        """Fits without one of the effects, where they ended when these were last looked at."""
 
     def drop(self, result: Selection) -> None:
         """Take out what later effects made needless: the first one found may only have stood in for them."""
@@ -44,7 +46,8 @@ class Revision:
                 rest = tuple(e for e in full.hypothesis.effects if e is not effect)
                 x = np.delete(full.x, np.arange(starts[i], starts[i + 1]))
                 select = informative_windows(self._fitter, full, FIT_WINDOWS) if len(x) > MANY_PARAMETERS else None
-                fit = self._fitter.fit(Hypothesis(rest), x, full.z, select=select)
+                fit = self._fitter.fit(Hypothesis(rest), *self._begun(Hypothesis(rest), x, full.z), select=select)
+                self._ended[fit.hypothesis.key] = fit
                 # What lacks so much is not brought back by fitting on.
                 far = fit.cost - full.cost > _FAR_BEHIND * EVIDENCE_MORE
                 without.append(self._scores.scored((self._fitter.cross_validate if far else self._fitter.polish)(fit)))
@@ -56,6 +59,16 @@ class Revision:
             others = result.singles if len(simpler.fit.hypothesis.effects) == 1 else without
             result.rivals = sorted([simpler, *(s for s in others if s.key != simpler.key)], key=by_score)
             result.best, result.gains = simpler, [self._scores.difference(result.reference.fit, simpler.fit)]
+
+    def _begun(self, hypothesis: Hypothesis, x: Array, z: Array) -> tuple[Array, Array]:
+        """Where a fit without one effect begins: at (x, z), or where it ended when it was looked at before."""
+        ended = self._ended.get(hypothesis.key)
+        if ended is None or len(ended.z) != len(z):
+            return x, z
+        points = [(x, z), (ended.x, ended.z)]
+        squares = self._fitter.mean_square(self._fitter.replay(hypothesis, points))
+        prior = [0.5 * float(z @ z) + hypothesis.tied(x) for x, z in points]
+        return points[int(np.argmin(self._fitter.data_cost(squares) + prior))]
 
     def _needed(self, result: Selection, which: int, simpler: Scored) -> bool:
         """Whether effect number ``which`` earns its place over what is ``simpler`` without it, in any of its forms.

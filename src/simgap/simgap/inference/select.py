@@ -99,8 +99,7 @@ class Selector:
         ``heard`` is told, whenever that changes, what would be answered if the time were over.
         """
         fitter = self.fitter
-        self.candidates.say("nuisances", 0.0)
-        fit = fitter.fit_nuisances()
+        fit = fitter.fit_nuisances(lambda share: self.candidates.say("nuisances", share))
         before = self._uncorrected()
         reference = self.scores.scored(fitter.cross_validate(fit))
         if before is not None:
