@@ -20,6 +20,7 @@ from simgap.data.plant import Plant
 from simgap.data.recording import recording_from_table
 from simgap.effects.base import Context, Effect
 from simgap.effects.library import enumerate_effects
+from simgap.inference import partners
 from simgap.inference.effort import Effort
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Fit, Hypothesis
@@ -96,6 +97,46 @@ def test_a_wrong_first_effect_is_given_up_for_what_was_found_beside_it(
     better = selector._begun_elsewhere(stuck, right.screened).best
     assert {e.key for e in better.fit.hypothesis.effects} == {"coulomb_friction@hinge", "viscous_friction@hinge"}
     assert better.score < stuck.best.score
+
+
+def test_what_was_reached_from_another_first_effect_is_not_built_on_again(
+    drag_and_friction: tuple[Plant, Diagnosis], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, found = drag_and_friction
+    selector, right = found.selector, found.selection
+    asked: list[str] = []
+    one_more = selector.partners.one_more
+
+    def noted(base: Scored, *rest: Any) -> list[Scored]:
+        asked.append(base.key)
+        return one_more(base, *rest)
+
+    monkeypatch.setattr(selector.partners, "one_more", noted)
+    monkeypatch.setattr(selector, "_leaves_much", lambda scored: True)
+    selector._reached.clear()
+    nothing = replace(right, best=right.reference, gains=[])
+    drag, rub = (min((s for s in right.singles if n in s.key), key=lambda s: s.score) for n in ("viscous", "coulomb"))
+    one = selector._forward(nothing, right.singles, rub, right.screened)
+    assert len(asked) > 1 and {e.name for e in one.best.fit.hypothesis.effects} == set(_DRAG[:2])
+    asked.clear()
+    other = selector._forward(nothing, right.singles, drag, right.screened)
+    assert asked == [drag.key] and other.best.key == one.best.key
+
+
+def test_beside_many_parameters_the_first_alone_is_fitted_to_its_end(
+    drag_and_friction: tuple[Plant, Diagnosis], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, found = drag_and_friction
+    selector, right = found.selector, found.selection
+    monkeypatch.setattr(partners, "_MANY", 1)
+    rub = min((s for s in right.singles if "coulomb" in s.key), key=lambda s: s.score)
+    many = selector.partners.one_more(rub, selector.proposals.beside, right.singles, right.screened)
+    assert {e.name for e in many[0].fit.hypothesis.effects} == set(_DRAG[:2])
+    assert [s.fit.polished for s in many] == [True] + [False] * (len(many) - 1)
+    assert many[0].score < right.best.score + 2.0
+    # What promises nothing is not fitted on: the gain beside both.
+    more = selector.partners.one_more(right.best, selector.proposals.beside, right.singles, right.screened)
+    assert not any(s.fit.polished for s in more)
 
 
 def test_two_effects_are_found_at_once_where_a_third_stands_in_for_both(
@@ -228,13 +269,13 @@ def test_friction_of_a_cable_and_of_its_joint_are_not_both_named() -> None:
     only = ("tendon_friction", "coulomb_friction", "joint_damping")
     table = simulate("finger", 8.0, change=_rub)
     found = diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=only, threads=1))
-    partners, fitter = found.selector.partners, found.selector.fitter
+    fitter = found.selector.fitter
     kinds = {e.key: e for e in found.selector.effects}
 
     def says_again(*names: str) -> bool:
         hypothesis = Hypothesis(tuple(kinds[n] for n in names))
         x = np.array([p.tries[0] for e in hypothesis.effects for p in e.parameters])
-        return partners._says_again(fitter.fit(hypothesis, x, np.zeros(len(fitter.nuisances)), 1))
+        return found.selector.partners._says_again(fitter.fit(hypothesis, x, np.zeros(len(fitter.nuisances)), 1))
 
     assert says_again("tendon_friction@cable", "coulomb_friction@knuckle")
     assert not says_again("tendon_friction@cable", "joint_damping@knuckle")

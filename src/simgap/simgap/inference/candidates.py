@@ -37,7 +37,7 @@ FAVOURITES = 2
 SHAKEN = (0.75, 0.88, 0.95, 1.05, 1.14, 1.3)
 """So many times as large an effect is tried once more where much is left: laws that switch (a play, a dead band) have
 optima beside the one that a fit ends in."""
-_SHAKEN_STARTS, SHAKEN_MOST = 3, 12
+_SHAKEN_STARTS, _SHAKEN_MOST = 3, 12
 """Of these values so many are fitted; and of hypotheses with more parameters none are tried: 24 of an arm's six joints
 ask for 290 replays, and each fit for a hundred."""
 MANY_PARAMETERS = 6
@@ -278,7 +278,7 @@ class Candidates:
     def restarted(self, scored: Scored) -> Scored:
         """A winner, begun anew from values about its own, one at a time, nominal numbers as they are or untouched."""
         fitter, fit = self.fitter, scored.fit
-        if fit.hypothesis.size > SHAKEN_MOST:
+        if fit.hypothesis.size > _SHAKEN_MOST:
             return scored
         u, neutral = fit.hypothesis.scaled(fit.x), fit.hypothesis.scaled(fit.hypothesis.vector("neutral"))
         points = []

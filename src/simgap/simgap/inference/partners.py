@@ -10,7 +10,6 @@ from simgap.inference.candidates import (
     FAVOURITES,
     HOPELESS,
     MANY_PARAMETERS,
-    SHAKEN_MOST,
     Candidates,
     by_score,
 )
@@ -23,6 +22,8 @@ from simgap.inference.screen import Screened
 
 _ANOTHER_NAME = 0.995
 """Two effects whose sensitivities have this cosine are one change under two names."""
+_MANY = 12
+"""Beside so many parameters, or more, the first further effect is the only one that is fitted to its end."""
 _UNTOUCHED = 1
 """Effects that are also tried beside untouched nominal numbers, where those are bent far."""
 
@@ -49,7 +50,7 @@ class Partners:
         fitter.refresh(base.fit.hypothesis, base.fit.x, base.fit.z, base.fit.residual)
         partners = propose(base.fit)
         pairs = self._candidates.fitted(partners, base)
-        if base.fit.hypothesis.size > SHAKEN_MOST:
+        if base.fit.hypothesis.size >= _MANY:
             return self._first_ended(base, pairs)
         if base.fit.strained:
             again = sorted([*pairs, *self.beside_untouched(base.fit, singles)], key=by_score, reverse=True)

@@ -11,12 +11,7 @@ from numpy.typing import NDArray
 
 from simgap.effects.base import Effect
 from simgap.inference.budget import SEARCH, Budget, OutOfTimeError
-from simgap.inference.candidates import (
-    FAVOURITES,
-    Candidates,
-    Hint,
-    by_score,
-)
+from simgap.inference.candidates import FAVOURITES, Candidates, Hint, by_score
 from simgap.inference.effort import Effort, Progress
 from simgap.inference.fit import Fitter
 from simgap.inference.hypothesis import Hypothesis
@@ -78,6 +73,8 @@ class Selector:
         self.candidates = Candidates(fitter, self.effects, self.scores, self._effort, self.budget.watch(progress))
         self.proposals = Proposals(fitter, self.effects, self._effort, self.candidates.say)
         self._sites = places(self.effects)
+        self._reached: dict[str, float] = {}
+        """Best scores of the sets of effects to which one after the other led."""
         self._leaders = Leaders(self.candidates, self.scores, self._effort, self._sites)
         self.partners = Partners(self.candidates, self.scores)
         self._revision = Revision(self.candidates, self.scores)
@@ -305,8 +302,16 @@ class Selector:
             if not self._leaves_much(found.best) or not self.add(found, screened):
                 break
             self._keep(found)
+            if self._been_there(found.best):
+                return found
         self._revision.drop(found)
         return found
+
+    def _been_there(self, reached: Scored) -> bool:
+        """Whether these effects were reached from another first one, and no worse: what comes after them is known."""
+        before = self._reached.get(reached.key, math.inf)
+        self._reached[reached.key] = min(before, reached.score)
+        return not self._effort.twice and reached.score > before - EVIDENCE
 
     def _leaves_much(self, scored: Scored) -> bool:
         """Whether a further effect is looked for.
