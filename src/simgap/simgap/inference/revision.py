@@ -110,11 +110,11 @@ class Revision:
 
     def _parted(self, scored: Scored, share: float) -> Scored:
         """A fit whose effects of a kind have values of their own for each part, where that earns its place."""
-        self._candidates.say("parts", share)
         for kind in dict.fromkeys(e.name for e in scored.fit.hypothesis.effects if isinstance(e, ByPart)):
             made = self._by_part(scored.fit, kind)
             if made is None:
                 continue
+            self._candidates.say("parts", share)
             if len(made[0].effects) == len(scored.fit.hypothesis.effects):
                 scored = self._extended(scored, *made)
                 continue
