@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 import pytest
@@ -22,14 +24,13 @@ def many_joints(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(base, "SEVERAL_JOINTS", 1)
 
 
-def _rubbing(*friction: float) -> Diagnosis:
+def _rubbing(*friction: float, only: Sequence[str] = ("coulomb_friction", "viscous_friction")) -> Diagnosis:
     def rub(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[: len(friction)] += friction
 
     plant = plant_of("arm")
     table = simulate("arm", 14.0, change=rub)
-    only = ("coulomb_friction", "viscous_friction")
-    return diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=only, threads=1))
+    return diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=tuple(only), threads=1))
 
 
 def test_joints_that_rub_unlike_each_other_have_values_of_their_own(many_joints: None) -> None:
@@ -74,3 +75,20 @@ def test_what_is_tied_costs_what_a_normal_density_about_the_mean_says(many_joint
     assert apart.apart(found.selector.effects, 0.1) is None
     single = next(e for e in found.selector.effects if e.key.startswith("coulomb_friction") and e is not everywhere)
     assert isinstance(single, CoulombFriction) and single.apart(found.selector.effects, 0.1) is None
+
+
+def test_parts_keep_the_form_of_their_effect(many_joints: None) -> None:
+    """Servos' gains have two: what their error is worth, and what they give at most."""
+    found = _rubbing(only=("servo_gain", "coulomb_friction"))
+    selector = found.selector
+    everywhere = [e for e in selector.effects if e.site.name == "all"]
+    everywhere += [law for e in everywhere for law in e.alternatives() if len(law.parameters) == 1]
+    assert {e.name for e in everywhere} == {"servo_gain", "coulomb_friction"} and len({e.form for e in everywhere}) > 2
+    for effect in everywhere:
+        x, z = np.array(effect.starts()[0]), np.zeros(len(selector.fitter.nuisances))
+        fit = selector.fitter.fit(Hypothesis((effect,)), x, z, iterations=0, roughly=True)
+        made = selector._revision._by_part(fit, effect.name)
+        assert made is not None, effect
+        (parted,), values = made[0].effects, made[1]
+        assert (parted.form, parted.tie > 0.0) == (effect.form, True)
+        assert values == pytest.approx([x[0], x[0]])

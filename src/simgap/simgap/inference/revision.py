@@ -132,11 +132,11 @@ class Revision:
         first = effects[which[0]]
         targets = sorted({t for i in which for t in effects[i].site.targets})
         alike = all(effects[i].form == first.form and len(values[i]) == 1 for i in which)
-        whole = next((e for e in self._effects if e.name == kind and sorted(e.site.targets) == targets), None)
-        if not alike or not isinstance(whole, ByPart) or len(whole.parameters) > 1:
+        wholes = [e for e in self._effects if e.name == kind and sorted(e.site.targets) == targets]
+        laws = [law for e in wholes for law in (e, *e.alternatives()) if law.form == first.form]
+        law = next((law for law in laws if len(law.parameters) == 1), None)
+        if not alike or not isinstance(law, ByPart):
             return None
-        law = next(e for e in (whole, *whole.alternatives()) if e.form == first.form)
-        assert isinstance(law, ByPart)
         parameter = law.parameters[0]
         away = [
             sum(parameter.away(float(values[i][0])) for i in which if target in effects[i].site.targets)
