@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -24,13 +24,14 @@ def many_joints(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(base, "SEVERAL_JOINTS", 1)
 
 
-def _rubbing(*friction: float, only: Sequence[str] = ("coulomb_friction", "viscous_friction")) -> Diagnosis:
+@cache
+def _rubbing(*friction: float, only: tuple[str, ...] = ("coulomb_friction", "viscous_friction")) -> Diagnosis:
     def rub(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[: len(friction)] += friction
 
     plant = plant_of("arm")
     table = simulate("arm", 14.0, change=rub)
-    return diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=tuple(only), threads=1))
+    return diagnose([recording_from_table(table, plant)], plant, Options(baselines=False, only=only, threads=1))
 
 
 def test_joints_that_rub_unlike_each_other_have_values_of_their_own(many_joints: None) -> None:

@@ -32,8 +32,8 @@ class Revision:
     def __init__(self, candidates: Candidates, scores: Scores) -> None:
         self._candidates, self._scores = candidates, scores
         self._fitter, self._effects = candidates.fitter, candidates.effects
-        self._ended: dict[str, Fit] = {}
-        """Fits without one of the effects, where they ended when these were last looked at."""
+        self._ended: dict[str, tuple[Array, Array]] = {}
+        """(x, z) where fits without one of the effects ended when these were last looked at."""
 
     def drop(self, result: Selection) -> None:
         """Take out what later effects made needless: the first one found may only have stood in for them."""
@@ -47,7 +47,7 @@ class Revision:
                 x = np.delete(full.x, np.arange(starts[i], starts[i + 1]))
                 select = informative_windows(self._fitter, full, FIT_WINDOWS) if len(x) > MANY_PARAMETERS else None
                 fit = self._fitter.fit(Hypothesis(rest), *self._begun(Hypothesis(rest), x, full.z), select=select)
-                self._ended[fit.hypothesis.key] = fit
+                self._ended[fit.hypothesis.key] = fit.x, fit.z
                 # What lacks so much is not brought back by fitting on.
                 far = fit.cost - full.cost > _FAR_BEHIND * EVIDENCE_MORE
                 without.append(self._scores.scored((self._fitter.cross_validate if far else self._fitter.polish)(fit)))
@@ -63,9 +63,9 @@ class Revision:
     def _begun(self, hypothesis: Hypothesis, x: Array, z: Array) -> tuple[Array, Array]:
         """Where a fit without one effect begins: at (x, z), or where it ended when it was looked at before."""
         ended = self._ended.get(hypothesis.key)
-        if ended is None or len(ended.z) != len(z):
+        if ended is None:
             return x, z
-        points = [(x, z), (ended.x, ended.z)]
+        points = [(x, z), ended]
         squares = self._fitter.mean_square(self._fitter.replay(hypothesis, points))
         prior = [0.5 * float(z @ z) + hypothesis.tied(x) for x, z in points]
         return points[int(np.argmin(self._fitter.data_cost(squares) + prior))]
@@ -105,8 +105,10 @@ class Revision:
         others = [r for r in others if _everywhere(r) != _everywhere(best)]
         result.rivals = sorted([best, *others], key=by_score)
         effects = best.fit.hypothesis.effects
-        if len(effects) != len(result.gains) or best is not parted[0]:
-            result.gains = [self._scores.difference(result.reference.fit, best.fit)] * len(effects)
+        if len(effects) == 1:
+            result.gains = [self._scores.difference(result.reference.fit, best.fit)]
+        elif len(effects) != len(result.gains) or best is not parted[0]:
+            self.drop(result)  # which says what each of them gains
 
     def _parted(self, scored: Scored, share: float) -> Scored:
         """A fit whose effects of a kind have values of their own for each part, where that earns its place."""
