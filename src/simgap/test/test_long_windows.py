@@ -14,10 +14,11 @@ from simgap.analysis.diagnose import Diagnosis, diagnose
 from simgap.analysis.options import Options
 from simgap.analysis.recalibration import calibration
 from simgap.data.recording import recording_from_table
-from simgap.inference import budget
-from simgap.inference.long_windows import WIDER, folds_of_runs, settled, undrawn
+from simgap.inference import budget, long_windows
+from simgap.inference.long_windows import WIDER, folds_of_runs, refit, settled, some, undrawn
 from simgap.report.sentences import sentences
 from simgap.simulation.variant import Variant
+from simgap.simulation.windows import Windows, compared
 
 Array = NDArray[np.float64]
 SECONDS, DRAG, FRICTION = 5.5, 1.7, 0.25
@@ -25,16 +26,16 @@ SECONDS, DRAG, FRICTION = 5.5, 1.7, 0.25
 
 def _truth(model: mujoco.MjModel) -> None:
     model.actuator_biasprm[:, 2] *= DRAG
-    model.dof_frictionloss[1] += FRICTION
+    model.dof_frictionloss[-1] += FRICTION
 
 
-def _diagnosed(seconds: float | None = None) -> Diagnosis:
+def _diagnosed(seconds: float | None = None, robot: str = "arm", runs: int = 3, length: float = SECONDS) -> Diagnosis:
     parts = []
-    for run in range(3):
-        made = simulate("arm", SECONDS, run, change=_truth)
+    for run in range(runs):
+        made = simulate(robot, length, run, change=_truth)
         parts.append(made | {"run": np.full(len(made["t"]), float(run))})
     table = {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
-    plant = plant_of("arm", lambda data: data.update(segments={"column": "run"}))
+    plant = plant_of(robot, lambda data: data.update(segments={"column": "run"}))
     recording = recording_from_table(table, plant)
     options = Options(only=("coulomb_friction",), max_windows=12, baselines=False, budget=seconds)
     return diagnose([recording], plant, options)
@@ -164,3 +165,59 @@ def test_time_that_ends_between_two_priors_leaves_what_earlier_ones_told(monkeyp
     assert report["long_windows"]["prior_wider"] in WIDER[:2]
     assert any("numbers were not fitted again by every prior" in w for w in report["warnings"])
     assert shares == sorted(shares) and len(shares) > 3
+
+
+def _windows(*runs: int) -> tuple[Windows, NDArray[np.int64]]:
+    """Windows of 50 rows, so many of each run, and whose each is; each is a block of its own."""
+    count, run = sum(runs), np.repeat(np.arange(len(runs)), runs)
+    return Windows(50 * np.arange(count) + 5, 5, 50, compared(50), np.arange(count), run % 3), run
+
+
+def test_some_windows_are_of_every_run_and_spread_over_it() -> None:
+    windows, run = _windows(6, 6, 2, 5, 2, 6)
+    few = some(windows, run, rows=10 * 50)
+    assert few is not None
+    assert few.start.tolist() == [windows.start[i] for i in (1, 4, 7, 10, 13, 16, 20, 22, 25)]
+    assert few.fold.tolist() == [0, 0, 1, 1, 2, 0, 1, 2, 2]
+
+
+@pytest.mark.parametrize(("runs", "rows"), [((6, 6, 6), 700), ((1, 1, 1, 1, 1, 1), 50), ((9, 9, 1), 50)])
+def test_all_windows_are_begun_with_where_few_would_save_little(runs: tuple[int, ...], rows: int) -> None:
+    """Or where they would be too few to fit and to hold out."""
+    assert some(*_windows(*runs), rows) is None
+
+
+@pytest.fixture(scope="module")
+def long_runs() -> Diagnosis:
+    return _diagnosed(robot="pendulum", runs=6, length=15.8)
+
+
+def test_long_runs_are_begun_with_some_windows_and_ended_with_all(
+    long_runs: Diagnosis, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended = long_runs.longer
+    assert ended is not None and ended.windows == 18
+    monkeypatch.setattr(long_windows, "_SAVES", 0.0)
+    whole = refit(long_runs.selector.fitter, long_runs.selection.best.fit)
+    assert whole is not None and whole.windows == 18
+    assert ended.fit.cost == pytest.approx(whole.fit.cost, abs=1.0)
+    np.testing.assert_allclose(ended.fit.x, whole.fit.x, rtol=0.01)
+
+
+def test_some_windows_stand_where_the_time_is_over_before_all_are_fitted(
+    long_runs: Diagnosis, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fitter, settle = long_runs.selector.fitter, long_windows.settled
+    left = replace(fitter.budget, left_out=[], asked=60.0)
+
+    def hurried(own: long_windows.Fitter, *given: object) -> long_windows.Fit:
+        if len(own.windows) == 18:
+            raise budget.OutOfTimeError("long windows")
+        return settle(own, *given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(long_windows, "settled", hurried)
+    monkeypatch.setattr(fitter, "budget", left)
+    near = refit(fitter, long_runs.selection.best.fit)
+    assert near is not None and near.windows == 6
+    assert near.gain > 0.0
+    assert "in a part of them" in left.warning()

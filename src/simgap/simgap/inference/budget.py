@@ -22,6 +22,7 @@ _STAGES = {
     "growth": "whether what was found grows over the recording was not looked at",
     "next experiment": "no next experiment was looked for to the end",
     "long windows": "numbers were not fitted again in long windows",
+    "all long windows": "in long windows, numbers were fitted again in a part of them",
     "wider priors": "in long windows, numbers were not fitted again by every prior",
 }
 _LATER = "no further effect beside the first was looked for to the end"

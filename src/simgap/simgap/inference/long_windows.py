@@ -11,7 +11,8 @@ wider than usual their priors are is chosen by what the fits predict of runs tha
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,6 +32,7 @@ from simgap.simulation.variant import Variant
 from simgap.simulation.windows import FOLDS, MAX_WINDOWS, Windows, covering, cut
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 HORIZONS = (20.0, 10.0, 5.0, 2.4)
 """[s] of the long windows: the first of which the runs hold as many seconds as of the short ones, or nearly."""
@@ -44,6 +46,11 @@ _KEPT = 1.0
 """Share of an error of the start that may be left at the end of a long window: friction holds it, chaos enlarges it."""
 _ROUNDS, _STEPS = 3, 6
 """Of sensitivities taken anew, at most, and of steps by them."""
+_SAVES = 0.5
+"""Share of the long windows, at most, that are few enough to begin with. The SO-101's seven runs of a minute or two are
+four times what its short windows cover, and each of its 61 numbers asks for a replay of them."""
+_NEAR = 0.5
+"""Where that is done, in what is told of the whole."""
 _SETTLED = 0.5
 """A round that gains less [nats], or less than the share LITTLE of what all have gained, is the last by its
 sensitivities."""
@@ -85,7 +92,8 @@ def refit(fitter: Fitter, fit: Fit, say: Callable[[float], None] = lambda share:
     """Fit the winner in long windows; None where they say no more, or this recording has none.
 
     At least FOLDS runs are asked that are held out whole: neighbouring windows of one run are too much alike. Effects
-    that grow or are a matter of chance keep the numbers of short windows.
+    that grow or are a matter of chance keep the numbers of short windows. Where runs are much longer than what short
+    windows cover, `some` long ones choose the prior and bring the numbers near, from where all settle them.
 
     Args:
         fitter: of the short windows.
@@ -97,37 +105,85 @@ def refit(fitter: Fitter, fit: Fit, say: Callable[[float], None] = lambda share:
     windows, base = _windows(fitter), fitter.residuals.replayer
     if windows is None:
         return None
-    replayer = Replayer(base.plant, base.aligned, windows, base.floor, base.threads)
+    run = np.searchsorted([r.start for r in base.aligned.runs], windows.start, side="right")
+    few = some(windows, run, len(fitter.windows) * fitter.windows.length)
+    replayer = Replayer(base.plant, base.aligned, windows if few is None else few, base.floor, base.threads)
     if not forgets(replayer, _variant(fitter, fit), _KEPT, _LOOKED_AT):
         return None
+    if few is None:
+        return _by_priors(fitter, fit, replayer, fit, WIDER, say)
+    near = _by_priors(fitter, fit, replayer, fit, WIDER, lambda share: say(_NEAR * share))
+    if near is None:
+        return None
+    replayer = Replayer(base.plant, base.aligned, windows, base.floor, base.threads)
+
+    def further(share: float) -> None:
+        say(_NEAR + (1.0 - _NEAR) * share)
+
+    try:
+        return _by_priors(fitter, fit, replayer, near.fit, (near.wider,), further)
+    except OutOfTimeError:
+        fitter.budget.ended("all long windows")
+        return near
+
+
+def some(windows: Windows, run: Ints, rows: int) -> Windows | None:
+    """About as many windows as hold so many rows, at least one of each ``run`` (nw,); None where that saves little."""
+    share = rows / (len(windows) * windows.length)
+    keep = np.zeros(len(windows), bool)
+    for stretch in np.split(np.arange(len(windows)), np.flatnonzero(np.diff(run)) + 1):
+        for part in np.array_split(stretch, max(int(share * len(stretch)), 1)):
+            keep[part[len(part) // 2]] = True
+    return windows.of(keep) if keep.mean() <= _SAVES else None
+
+
+def _by_priors(
+    fitter: Fitter,
+    fit: Fit,
+    replayer: Replayer,
+    begun: Fit,
+    widths: Sequence[float],
+    say: Callable[[float], None],
+) -> LongWindows | None:
+    """The winner by the prior that predicts best; None where none predicts better than the short windows' ``fit``.
+
+    ``begun``: from whose numbers the first goes; each wider one where the last ended, which is nearer.
+    """
     residuals = Residuals.build(replayer, _variant(fitter, fit))
     plain = Fitter(residuals, fitter.nuisances, fitter.base)
     plain.budget = fitter.budget
-    plain.estimate_independent(plain.replay(fit.hypothesis, [(fit.x, fit.z)])[0])
+    short = plain.replay(fit.hypothesis, [(fit.x, fit.z)])[0]
+    plain.estimate_independent(short)
     before = _held_cost(plain, fit)
     best: LongWindows | None = None
-    x, z, taught, slope = fit.x, fit.z, None, None
-    for k, wider in enumerate(WIDER):
+    x, z, taught, slope = begun.x, begun.z, None, None
+    for k, wider in enumerate(widths):
         share = np.array([wider if undrawn(n) else 1.0 for n in fitter.nuisances])
         own = Fitter(residuals, [n.scaled(s) for n, s in zip(fitter.nuisances, share, strict=True)], fitter.base)
         own.likelihood, own.budget = plain.likelihood, fitter.budget
         if taught is not None:
             own.jacobian = (taught * share[:, None, None, None]).astype(np.float32)
+        # Begun near the end, rounds gain little beside all that was gained since the short windows' numbers.
+        first = math.inf if begun is fit else own.cost(short, fit.z / share) + fit.hypothesis.tied(fit.x)
+
+        def tell(done: float, k: int = k) -> None:
+            say((k + done) / len(widths))
+
         try:
-            found = settled(own, fit.hypothesis, x, np.clip(z / share, -BOX, BOX), slope, _part(say, k))
+            found = settled(own, fit.hypothesis, x, np.clip(z / share, -BOX, BOX), slope, tell, first)
         except OutOfTimeError:
             if best is None:
                 raise
             fitter.budget.ended("wider priors")
             return best
-        # Where a narrower prior ended the next one begins: it is nearer than the short windows' numbers.
         x, z, slope = found.x, share * found.z, found.effect_jacobian
         taught = own.jacobian / share[:, None, None, None]
         gain = before - (float(np.nansum(found.held_cost)) + found.prior)
         if gain > (best.gain if best else 0.0):
             sd = share * nuisance_deviation(own, found)
             mine = replace(found, z=share * found.z, fold_z=share * found.fold_z)
-            horizon = windows.length * base.aligned.period
+            windows = replayer.windows
+            horizon = windows.length * replayer.aligned.period
             best = LongWindows(horizon, len(windows), wider, gain, mine, sd, share * BOX)
     return best
 
@@ -188,11 +244,6 @@ def _held_cost(fitter: Fitter, fit: Fit) -> float:
     return float(np.nansum(fitter.likelihood.held_out(held, fold, squares))) + fit.prior
 
 
-def _part(say: Callable[[float], None], k: int) -> Callable[[float], None]:
-    """Tells how far all priors are by how far number ``k`` is."""
-    return lambda share: say((k + share) / len(WIDER))
-
-
 def settled(
     fitter: Fitter,
     hypothesis: Hypothesis,
@@ -200,22 +251,24 @@ def settled(
     z: Array,
     slope: Array | None,
     say: Callable[[float], None] = lambda share: None,
+    first: float = math.inf,
 ) -> Fit:
     """Fit from these numbers until it settles, and cross-validate.
 
     Sensitivities are taken anew only where those that are there, and what steps taught about them, lead no further:
     each number asks for a replay. ``slope``: those to the effects' parameters, None where none are there. ``say`` is
-    told how far it is.
+    told how far it is. ``first``: the cost of what all rounds began with, where that is not here.
     """
     say(0.0)
     residual = fitter.replay(hypothesis, [(x, z)])[0]
-    first = fitter.cost(residual, z) + hypothesis.tied(x)
+    here = fitter.cost(residual, z) + hypothesis.tied(x)
+    first = here if math.isinf(first) else first
     found = None if slope is None else fitter.descend(hypothesis, x, z, _STEPS, residual, slope)
     for round_ in range(_ROUNDS):
         say(round_ / _ROUNDS)
         if found:
             x, z, residual = found.x, found.z, found.residual
-        before = found.cost if found else first
+        before = found.cost if found else here
         fitter.refresh(hypothesis, x, z, residual)
         found = fitter.descend(hypothesis, x, z, _STEPS, residual, fitter.sensitivities(hypothesis, x, z, residual))
         if before - found.cost < max(_SETTLED, LITTLE * (first - found.cost)):
