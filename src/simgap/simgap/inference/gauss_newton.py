@@ -220,8 +220,8 @@ class GaussNewton:
     def descend(self, hypothesis: Hypothesis, x: Array, z: Array, iterations: int, known: Array, slope: Array) -> Fit:
         """The same on all windows with the sensitivities that are there, ``slope`` those to the effects' parameters.
 
-        What steps teach about either stays, in the fitter and in the fit. Where a step gains less than was foreseen,
-        those to the effects are computed anew, those to the nuisances never. Ends where they lead no further.
+        What steps teach about either stays, in the fitter and in the fit; none are computed anew. Ends where they lead
+        no further.
         """
         return self._descended(hypothesis, x, z, iterations, known, None, BOX, slope, learning=True)
 
@@ -268,7 +268,7 @@ class GaussNewton:
                 if new_cost < cost:
                     break
             else:
-                if fresh:
+                if fresh or learning:
                     break
                 stale = True
                 continue
@@ -286,7 +286,7 @@ class GaussNewton:
             if gain < _ENDED and (fresh or len(x) < _REUSED):
                 fresh = False
                 break
-            fresh, stale = False, gain < max(0.5 * hoped, _ENDED)
+            fresh, stale = False, not learning and gain < max(0.5 * hoped, _ENDED)
         if select is not None:
             residual, fresh = self.replay(hypothesis, [(x, z)])[0], False
             cost = self.cost(residual, z) + hypothesis.tied(x)
