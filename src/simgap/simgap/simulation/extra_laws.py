@@ -13,14 +13,13 @@ from mujoco import batch as mjbatch
 from numpy.typing import NDArray
 
 from simgap.data.plant import Plant
+from simgap.simulation.transmission import Transmission
 from simgap.simulation.variant import FrictionPath, ServoPath, Variant
 
 Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9
 """Rows: a step that begins with a switch, to the last bit, sees it."""
-_CONTACT_STIFFNESS = 0.7
-"""Stiffness of the flanks of a play, as a share of what one time step can carry: inertia / dt^2."""
 SHAPES = {
     "hard": "dead_band",
     "heat_time": "heat_loss",
@@ -70,9 +69,6 @@ class ServoStep:
             return
         self._band = np.stack([s.dead_band for s in servos])
         self._hard = np.stack([s.hard for s in servos])
-        self._width = np.stack([s.backlash for s in servos])
-        self._compliance = np.stack([s.compliance for s in servos])
-        self._apart = (self._width > 0) | (self._compliance > 0)
         self._sag = np.array([s.sag for s in servos])[:, None]
         self._reference = np.array([s.sag_reference for s in servos])[:, None]
         self._follows = np.array([s.follows for s in servos])[:, None]
@@ -87,43 +83,16 @@ class ServoStep:
         hinge = np.isin(model.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
         self._at_joint = np.flatnonzero(joint & hinge[np.where(joint, model.actuator_trnid[:, 0], 0)])
         self._dof = np.where(joint, model.jnt_dofadr[np.maximum(model.actuator_trnid[:, 0], 0)], 0)
-        self._motors = [int(a) for a in np.flatnonzero(self._apart.any(axis=0)) if joint[a]]
-        if self._motors:
-            dofs = self._dof[self._motors]
-            self._coordinate = model.jnt_qposadr[model.actuator_trnid[self._motors, 0]]
-            self._armature = np.stack([v.model.dof_armature[dofs] for v in variants])
-            # What a flank feels: the joint's inertia with all others free to give way, without the motor's.
-            total = 1.0 / np.stack([v.model.dof_invweight0[dofs] for v in variants])
-            self._link = np.maximum(total - self._armature, 0.05 * total)
-            self._motor_inertia = np.maximum(self._armature, 0.02 * self._link)
-            self._damping = np.stack([v.model.dof_damping[dofs] for v in variants])
-            self._angle: Array | None = None
-            self._speed = np.zeros((len(variants), len(self._motors)))
-            # What is between motor and joint: the flanks of a play are as stiff as a time step can carry, and no spring
-            # is stiffer.
-            hardest = _CONTACT_STIFFNESS * self._link / dt**2
-            give = self._compliance[:, self._motors]
-            self._elastic = give > 0
-            self._stiffness = 1.0 / np.maximum(give, 1.0 / hardest)
-            ratio, most = np.stack([s.ringing for s in servos])[:, self._motors], (1.0 - _CONTACT_STIFFNESS) / dt
-            yielding = np.minimum(2.0 * ratio * np.sqrt(self._stiffness / self._link), most)
-            self._flank_damping = self._link * np.where(self._elastic, yielding, most)
+        self._bands, self._sags = bool(self._band.any()), bool(self._sag.any() or self._follows.any())
+        self._transmission = Transmission.of(plant, variants, self._low, self._high, dt)
 
     def bind(self, batch: mjbatch.Batch) -> None:
-        """Attach to a batch. A joint with play or an elastic drive leaves its inertia and damping to the motor."""
+        """Attach to a batch."""
         self._batch = batch
         self._length, self._velocity = batch.bind("actuator_length"), batch.bind("actuator_velocity")
         self._first = True
-        if not self._motors:
-            return
-        gain, bias = batch.expand("actuator_gainprm"), batch.expand("actuator_biasprm")
-        armature, damping = batch.expand("dof_armature"), batch.expand("dof_damping")
-        for j, a in enumerate(self._motors):
-            loose = self._apart[:, a]
-            gain[loose, a, 0] = 0.0
-            bias[loose, a, :3] = 0.0
-            armature[loose, self._dof[a]] -= self._armature[loose, j]
-            damping[loose, self._dof[a]] = 0.0
+        if self._transmission is not None:
+            self._transmission.bind(batch)
 
     def step(self, control: Array, supply: Array | None = None, left: Array | None = None) -> tuple[Array, Array]:
         """(control that has the wanted effect (n, nu), joint forces (n, nv)).
@@ -137,14 +106,14 @@ class ServoStep:
         length = self._length + (0.0 if self._first else self._dt) * self._velocity
         self._first = False
         extra = np.zeros_like(self._batch.qfrc_applied)
-        if self._band.any():
+        if self._bands:
             # A servo compares in the unit of its command: the point of zero force is ctrl = -bias1 / gain * length.
             zero = -self._bias[..., 1] / np.where(self._gain == 0, 1.0, self._gain) * length
             error = control - zero
             outside = np.abs(error) > self._band
             answered = np.where(self._hard, error, error - np.sign(error) * self._band)
             control = np.where(self._band > 0, zero + np.where(outside, answered, 0.0), control)
-        if left is not None or self._sag.any() or self._follows.any():
+        if left is not None or self._sags:
             asked = self._gain * control + self._bias[..., 0] + self._bias[..., 1] * length
             velocity = self._velocity.copy()
             at = self._at_joint
@@ -160,52 +129,9 @@ class ServoStep:
                 remains = remains * (1.0 + self._follows * (supply[:, None] - 1.0))
             lost = asked - force * remains
             control = control - np.where(self._gain == 0, 0.0, lost / np.where(self._gain == 0, 1.0, self._gain))
-        if self._motors:
-            self._turn_motors(control, extra)
+        if self._transmission is not None:
+            self._transmission.step(control, extra)
         return control, extra
-
-    def _turn_motors(self, control: Array, extra: Array) -> None:
-        """Advance the motors behind a play or a spring by an implicit step; add the torques that reach their joints."""
-        h, a = self._dt, self._motors
-        dofs, gear = self._dof[a], self._gear[:, a]
-        q, rate = self._batch.qpos[:, self._coordinate], self._batch.qvel[:, dofs]
-        half = 0.5 * self._width[:, a]
-        stiffness, damping = self._stiffness, self._flank_damping
-        if self._angle is None:
-            # Where its servo would bring it, as far as flanks or spring let it.
-            pull = gear * self._bias[:, a, 1]
-            asked = self._gain[:, a] * control[:, a] + self._bias[:, a, 0]
-            rest = np.divide(-asked, pull, out=q.copy(), where=pull != 0)
-            own = -gear * pull
-            between = (own * rest + stiffness * q) / (own + stiffness)
-            self._angle = np.where(self._elastic, between, np.clip(rest, q - half, q + half))
-            self._speed = rate.copy()
-        gap = self._angle - q
-        drive = self._gain[:, a] * control[:, a] + self._bias[:, a, 0]
-        force = np.clip(
-            drive + gear * (self._bias[:, a, 1] * self._angle + self._bias[:, a, 2] * self._speed),
-            self._low[:, a],
-            self._high[:, a],
-        )
-        inertia = self._motor_inertia
-        give = (-self._bias[:, a, 1] * h - self._bias[:, a, 2]) * gear**2
-        lead = inertia / h * self._speed + gear * force - gear**2 * self._bias[:, a, 2] * self._speed
-        total = inertia / h + give + self._damping
-        free = lead / total
-        # The flank that the motor would be behind after this step, so that it is never shot through a narrow play.
-        ahead = gap + h * (free - rate)
-        side = np.where(np.abs(ahead) >= half, np.sign(ahead), 0.0)
-        held = lead - stiffness * (gap - h * rate - side * half) + damping * rate
-        held /= total + self._bias[:, a, 1] * h * gear**2 + stiffness * h + damping
-        # The joint takes an explicit step, to which a spring at its end would be a damper; a flank may be one.
-        coming = np.where(self._elastic, 0.0, h * (held - rate))
-        torque = stiffness * (gap + coming - side * half) + damping * (held - rate)
-        # A flank pushes; it does not pull. A spring without play does both.
-        pushes = (torque * side > 0) | (half == 0)
-        speed, torque = np.where(pushes, held, free), np.where(pushes, torque, 0.0)
-        self._angle, self._speed = self._angle + h * speed, speed
-        for j, dof in enumerate(dofs):
-            extra[:, dof] += np.where(self._apart[:, a[j]], torque[:, j], 0.0)
 
 
 class Switch:
