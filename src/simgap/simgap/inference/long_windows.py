@@ -11,7 +11,6 @@ wider than usual their priors are is chosen by what the fits predict of runs tha
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -164,7 +163,7 @@ def _by_priors(
         if taught is not None:
             own.jacobian = (taught * share[:, None, None, None]).astype(np.float32)
         # Begun near the end, rounds gain little beside all that was gained since the short windows' numbers.
-        first = math.inf if begun is fit else own.cost(short, fit.z / share) + fit.hypothesis.tied(fit.x)
+        first = None if begun is fit else own.cost(short, fit.z / share) + fit.hypothesis.tied(fit.x)
 
         def tell(done: float, k: int = k) -> None:
             say((k + done) / len(widths))
@@ -251,7 +250,7 @@ def settled(
     z: Array,
     slope: Array | None,
     say: Callable[[float], None] = lambda share: None,
-    first: float = math.inf,
+    first: float | None = None,
 ) -> Fit:
     """Fit from these numbers until it settles, and cross-validate.
 
@@ -262,7 +261,7 @@ def settled(
     say(0.0)
     residual = fitter.replay(hypothesis, [(x, z)])[0]
     here = fitter.cost(residual, z) + hypothesis.tied(x)
-    first = here if math.isinf(first) else first
+    first = here if first is None else first
     found = None if slope is None else fitter.descend(hypothesis, x, z, _STEPS, residual, slope)
     for round_ in range(_ROUNDS):
         say(round_ / _ROUNDS)

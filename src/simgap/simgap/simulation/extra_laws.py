@@ -63,7 +63,7 @@ class ServoStep:
 
     def __init__(self, plant: Plant, variants: Sequence[Variant], dt: float) -> None:
         servos = [v.servos for v in variants]
-        self._dt, self._plant, model = dt, plant, plant.model
+        self._dt, model = dt, plant.model
         self.active = any(needs_servo_step(v) for v in variants)
         if not self.active:
             return
